@@ -15,7 +15,7 @@ from tests.camera.mjpeg import network_camera
 
 from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
-from e3pose.camera import live, live_source, probe, source
+from e3pose.camera import decoding, live, live_source, probe, source
 from e3pose.camera.live_source import StreamSource
 from e3pose.camera.source import MAX_PIXELS, Frame, open_video
 from hostile_videos import film
@@ -37,14 +37,14 @@ def never(monkeypatch: Patch) -> Iterator[Never]:
 def test_film_that_decodes_for_ever_is_refused_by_name(
     never: Never, tmp_path: Path, monkeypatch: Patch
 ) -> None:
-    path, seen, decode = film(tmp_path / "a.mkv", 12), list[Frame](), source.decode_bounded
+    path, seen, decode = film(tmp_path / "a.mkv", 12), list[Frame](), decoding.decode_bounded
     video, packets = open_video(path), iter(range(20))
     monkeypatch.setattr(
-        source, "decode_bounded", lambda packet: decode(packet) if next(packets) < 6 else never()
+        decoding, "decode_bounded", lambda packet: decode(packet) if next(packets) < 6 else never()
     )
     with pytest.raises(InputError, match=r"a\.mkv: FFmpeg works on one packet for more than 0\.3"):
         seen.extend(frame for frame in video)
-    monkeypatch.setattr(source, "decode_bounded", decode)
+    monkeypatch.setattr(decoding, "decode_bounded", decode)
     assert len(list(video)) == 12, "whoever waited goes on"
     monkeypatch.setattr(av, "open", never)
     with pytest.raises(InputError, match=r"a\.mkv: FFmpeg works"):
@@ -78,12 +78,11 @@ def test_stream_is_bounded_as_a_film_is(never: Never, monkeypatch: Patch) -> Non
         with pytest.raises(InputError, match="pictures of more than 3071 pixels"):
             opened.open()
         monkeypatch.undo()
-        monkeypatch.setattr(live_source, "decode_bounded", lambda packet: [])
-        monkeypatch.setattr(live_source, "SILENT_S", 0.3)
+        monkeypatch.setattr(decoding, "decode_bounded", lambda packet: [])
         opened.open()
         assert opened.read() is None, "packets without a picture keep nobody"
         opened.close()
-        monkeypatch.setattr(live_source, "decode_bounded", never)
+        monkeypatch.setattr(decoding, "decode_bounded", never)
         monkeypatch.setattr(probe, "MORE_S", 0.3)
         with pytest.raises(InputError, match="no answer of http"):
             probe.probe(url, timeout_s=0.3)

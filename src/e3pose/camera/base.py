@@ -32,6 +32,8 @@ class LiveFrame:
             repeats the frames of a still room, as films and most codecs do.
         poses: returns who is in it, pixels of `image_size`; None where the camera's detector has to
             look.
+        decode: makes its image ready, and returns whether it is intact; to be called before the
+            next `read` by who needs the image. None where images are ready.
     """
 
     captured_ns: int
@@ -39,6 +41,7 @@ class LiveFrame:
     image: Callable[[], Any]
     mark: Callable[[], int] | None = None
     poses: Callable[[], Poses2D] | None = None
+    decode: Callable[[], bool] | None = None
 
     def shared(self) -> LiveFrame:
         """Return a frame for several threads, which converts its image once."""
@@ -93,10 +96,19 @@ class AskedSource(LiveSource, Protocol):
     """A source that is asked for a size and a rate.
 
     Attributes:
-        note: what it gives instead, once it is open; empty where that is what was asked for.
+        note: once it is open, what it gives instead, or costs more than it has to; else empty.
     """
 
     note: str
+
+
+@runtime_checkable
+class OnDemandSource(AskedSource, Protocol):
+    """A source that decodes the frames that are needed, once it is told when that will be."""
+
+    def need(self, in_s: float) -> None:
+        """Note in how many seconds a frame may be needed; called before each `read`."""
+        ...
 
 
 @runtime_checkable

@@ -28,6 +28,7 @@ from e3pose.camera.base import (
     LiveDetector,
     LiveFrame,
     LiveSource,
+    OnDemandSource,
     SteeredSource,
 )
 from e3pose.camera.base import NodeSettings as NodeSettings
@@ -341,6 +342,9 @@ class CameraNode:
         self._rate = FrameRate()
         self._gate = None if detector is None else Gate(detector, settings.gate)
         self._steered = source if isinstance(source, SteeredSource) else None
+        self._on_demand = None
+        if isinstance(source, OnDemandSource) and recorder is None:  # which needs all frames
+            self._on_demand = source
         self._repeats, self._calls = Repeats(), Calls()
         self._noted = ""  # what the source gives other than asked for
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
@@ -451,6 +455,10 @@ class CameraNode:
                 continue
             try:
                 with self._calls.of("source"):
+                    if self._on_demand is not None:
+                        schedule = self.schedule
+                        newest = self._newest_slot(schedule.session)
+                        self._on_demand.need(schedule.free_s(self.edge_ns(), newest))
                     frame = self.source.read()
                     problem = "" if frame is None else self._repeats.problem(frame)
             except InputError as error:
@@ -466,6 +474,7 @@ class CameraNode:
                 continue
             frame_ns = now_ns
             self._find(problem)
+            self._notice()
             self._take(frame)
 
     def _open(self) -> bool:
@@ -477,10 +486,14 @@ class CameraNode:
             self._find(str(error)[:300])
             self.threads.stopping.wait(REOPEN_S)
             return False
+        self._notice()
+        return True
+
+    def _notice(self) -> None:
+        """Report what the source gives other than asked for, once."""
         if isinstance(self.source, AskedSource) and self.source.note not in ("", self._noted):
             self._noted = self.source.note
             self._report(self._noted)
-        return True
 
     def _find(self, problem: str) -> None:
         """Report a problem with the source when it begins and when it ends, not every second."""
@@ -552,8 +565,8 @@ class CameraNode:
         edge_ns = self.offset.offset.edge_ns(frame.captured_ns - self.settings.delay_ns)
         self._rate.add(frame.captured_ns)
         interval_ns = round(1e9 / self._rate.hz(self.source.fps))
-        newest = (schedule.session, self._newest[1] if self._newest[0] == schedule.session else -1)
-        slot = slot_of_frame(schedule.times, edge_ns, newest[1], interval_ns)
+        newest = self._newest_slot(schedule.session)
+        slot = slot_of_frame(schedule.times, edge_ns, newest, interval_ns)
         if slot is None:
             return
         self._newest = (schedule.session, slot)
@@ -564,9 +577,18 @@ class CameraNode:
         if self.recorder is not None:
             frame = frame.shared()
             self.recorder.offer(frame, edge_ns, schedule.session, slot, schedule.times)
-        if active:
+        if active and self._is_intact(frame):
             times_ns = edge_ns, self.clock.now_ns(), schedule.times.interval_ns
             self._frames.put(_Seen(frame, slot, *times_ns, schedule.expected.get(slot)))
+
+    def _newest_slot(self, session: int) -> int:
+        """Return the newest slot of a session of the edge that has its frame; -1 for none."""
+        return self._newest[1] if self._newest[0] == session else -1
+
+    def _is_intact(self, frame: LiveFrame) -> bool:
+        """Make the image of a frame ready; return whether it is intact."""
+        with self._calls.of("source"):
+            return frame.decode is None or frame.decode()
 
     # Detecting.
 

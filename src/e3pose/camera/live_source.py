@@ -22,16 +22,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.masking import masked
 from e3pose.base.plugins import is_offered, is_own, maker
 from e3pose.camera.base import LiveFrame, LiveSource, SourceSettings, mark_of
+from e3pose.camera.decoding import ON_DEMAND, WHOLE, Coded, Intact, OnDemand, decoded
 from e3pose.camera.gstreamer import make_pipeline
 from e3pose.camera.oak import make_oak
 from e3pose.camera.phone import PhoneSource
@@ -41,8 +41,8 @@ from e3pose.camera.source import (
     DECODER,
     FALLBACK_RATE,
     MAX_PIXELS,
-    Frame,
-    decode_bounded,
+    Video,
+    VideoSource,
     open_video,
     read_picture,
 )
@@ -55,7 +55,11 @@ READ_S = 1.0
 STREAMS = ("rtsp", "rtsps", "http", "https")
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 OPEN_TIMEOUT_US = 5_000_000
-SILENT_S = 10.0  # of a stream that sends, but no pictures
+LONG_GROUP_S = 2.0  # between key frames: more than orders are ahead
+MOST_LOST = 250  # pictures: more than may come before a key frame
+
+
+Frames = Callable[[float], Iterator[tuple[float, Callable[[], Any]]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +76,7 @@ class Loop:
     fps: float
     image_size: tuple[int, int]
     length_s: float
-    frames: Callable[[float], Iterator[tuple[float, Callable[[], Any]]]]
+    frames: Frames
 
 
 def slower(loop: Loop, pace: float) -> Loop:
@@ -87,11 +91,21 @@ def slower(loop: Loop, pace: float) -> Loop:
 
 @dataclass(slots=True, eq=False)
 class PacedSource:
-    """A loop, played at its own pace; frames that are late already are left out."""
+    """A loop, played at its own pace; frames that are late already are left out.
+
+    Attributes:
+        loop: the frames.
+        clock: of the camera.
+        begin_s: of a round.
+        note: see `AskedSource`.
+    """
 
     loop: Loop
     clock: Clock
     begin_s: float = 0.0
+    note: str = ""
+    _coded: Coded | None = None  # the newest, of a film that is decoded on demand
+    _needed: bool = True
     _playing: Iterator[tuple[float, Callable[[], Any]]] | None = None
     _round_ns: int = 0
     _ahead: tuple[float, Callable[[], Any]] | None = None
@@ -108,7 +122,13 @@ class PacedSource:
         now_ns = max(self.clock.now_ns(), begin_ns)
         self._round_ns = now_ns - (now_ns - begin_ns) % length_ns
         self._playing = self.loop.frames((now_ns - self._round_ns) / 1e9)
-        self._ahead = None
+        self._ahead = self._coded = None
+
+    def need(self, in_s: float) -> None:
+        """See `OnDemandSource.need`."""
+        self._needed = False
+        if self._coded is not None and self._coded.stream is not None:
+            self._coded.stream.keep_up(in_s, 1 / self.fps)
 
     def read(self) -> LiveFrame | None:
         """See `LiveSource.read`."""
@@ -124,13 +144,21 @@ class PacedSource:
             self._ahead = None
             if wait_s < -READ_S:  # the machine was busy, or asleep
                 continue
-            time.sleep(max(wait_s, 0.0))
-            return LiveFrame(due_ns, self.loop.image_size, due[1])
+            frame = LiveFrame(due_ns, self.loop.image_size, due[1])
+            self._coded = None
+            if isinstance(due[1], Coded):
+                self._coded = due[1]
+                frame = replace(frame, decode=due[1].decode)
+                if self._needed and not due[1].decode():
+                    continue
+            time.sleep(max((due_ns - self.clock.now_ns()) / 1e9, 0.0))
+            return frame
         return None
 
     def close(self) -> None:
         """See `LiveSource.close`."""
-        self._playing = None
+        self._playing = self._coded = None
+        self._needed = True
 
     def _next(self) -> tuple[float, Callable[[], Any]]:
         for _ in range(2):
@@ -175,14 +203,25 @@ class RecordedSource(PacedSource):
 
 @dataclass(slots=True, eq=False)
 class StreamSource:
-    """A network camera (RTSP or HTTP), with the times of its stream where they are usable."""
+    """A network camera (RTSP or HTTP).
+
+    Attributes:
+        url: its address.
+        clock: of the camera.
+        fps: that it states.
+        note: see `AskedSource`.
+    """
 
     url: str
     clock: Clock
     fps: float = FALLBACK_RATE
+    note: str = ""
     _container: Any = None
-    _frames: Iterator[Any] | None = None
+    _frames: Iterator[Coded] | None = None
+    _pictures: OnDemand | None = None  # where they are decoded on demand
+    _needed: bool = True
     _single: bool = False  # whether each picture is coded by itself
+    _whole: bool = False  # as decoding on demand failed, such as where B-frames come unannounced
 
     def open(self) -> None:
         """See `LiveSource.open`."""
@@ -200,35 +239,50 @@ class StreamSource:
             if codec.width * codec.height > MAX_PIXELS:
                 raise ValueError(f"pictures of more than {MAX_PIXELS} pixels")
             codec.options = DECODER
-            self._frames = self._decoded(self._container.demux(stream))
+            self._frames = self._coded(self._container.demux(stream), codec)
             # Other codecs send what did not change once, also of a still room.
             self._single = codec.name == "mjpeg"
-            self.fps = float(stream.average_rate) if stream.average_rate else self.fps
+            self.fps = float(stream.average_rate or self.fps)
         except (av.FFmpegError, OSError, IndexError, ValueError) as error:
             why = reason_of(error)[:200]
         if why:  # FFmpeg's "input/output error" is the camera's fault: it is no cause of this one
             raise InputError(f"source {masked(self.url)[:200]}: {why}")
 
-    def _decoded(self, packets: Iterator[Any]) -> Iterator[Any]:
-        """Yield the pictures of packets; end where `SILENT_S` of packets have none."""
-        newest_s = time.monotonic()
+    def _coded(self, packets: Iterator[Any], context: Any) -> Iterator[Coded]:
+        """Yield pictures as they come, decoded already where that cannot wait."""
+        self._pictures, where = None, f"source {masked(self.url)[:80]}"
+        if context.name in ON_DEMAND and not (context.has_b_frames or self._whole):
+            pictures = self._pictures = OnDemand(_numbered(packets), context)
+            self.note = ""
+            while (at := pictures.next()) is not None and pictures.lost <= MOST_LOST:
+                yield Coded(pictures, at, (context.width, context.height))
+                if (group_s := pictures.group / self.fps) > LONG_GROUP_S:
+                    why = f"a key frame comes every {group_s:.2g} s, not every second"
+                    self.note = WHOLE.format(where, why)
+            self._whole = pictures.lost > MOST_LOST
+            return  # opened again
+        other = f"it is {context.name}, not H.264, H.265 or MJPG"
+        self.note = WHOLE.format(where, "it has B-frames" if context.name in ON_DEMAND else other)
+        intact = Intact()
         for packet in packets:
-            for frame in decode_bounded(packet):
-                newest_s = time.monotonic()
-                yield frame
-                newest_s = time.monotonic()
-            if time.monotonic() - newest_s > SILENT_S:
-                return
+            for picture in intact.of(packet, decoded(packet)) or [None]:
+                yield Coded(None, 0, (context.width, context.height), picture=picture)
+
+    def need(self, in_s: float) -> None:
+        """See `OnDemandSource.need`."""
+        self._needed = False
+        if self._pictures is not None:
+            self._pictures.keep_up(in_s, 1 / self.fps)
 
     def read(self) -> LiveFrame | None:
         """See `LiveSource.read`."""
         import av
 
         try:
-            frame = None if self._frames is None else next(self._frames, None)
+            coded = None if self._frames is None else next(self._frames, None)
         except (av.FFmpegError, OSError):
-            frame = None
-        if frame is None:
+            coded = None
+        if coded is None:
             self.close()
             time.sleep(READ_S / 2)
             try:
@@ -236,29 +290,36 @@ class StreamSource:
             except InputError:
                 return None
             return None
-        size = (frame.width, frame.height)
+        now_ns = self.clock.now_ns()
+        if (self._needed or coded.stream is None) and not coded.decode():
+            return None
 
         def mark() -> int:
-            plane = frame.planes[0]
-            rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
-            return mark_of(rows[:, : plane.width])
+            if not coded.decode():
+                return now_ns
+            return mark_of(coded.picture.to_ndarray(format="gray"))
 
-        return LiveFrame(
-            self.clock.now_ns(),
-            size,
-            lambda: frame.to_ndarray(format="rgb24"),
-            mark if self._single else None,
-        )
+        shown = mark if self._single else None
+        return LiveFrame(now_ns, coded.size, coded, shown, decode=coded.decode)
 
     def close(self) -> None:
         """See `LiveSource.close`."""
         container, self._container, self._frames = self._container, None, None
+        self._pictures, self._needed = None, True
         if container is not None:
             container.close()
 
 
-def _pictures(frames: Iterator[Frame]) -> Iterator[tuple[float, Callable[[], Any]]]:
-    for frame in frames:
+def _numbered(packets: Iterator[Any]) -> Iterator[Any]:
+    """Give packets their number as time: streams may have none, or begin anew."""
+    for number, packet in enumerate(packets):
+        if packet.size:
+            packet.pts = packet.dts = number
+            yield packet
+
+
+def _pictures(video: Video, start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
+    for frame in video.frames(start_s):
         yield frame.time_s, lambda frame=frame: frame.image  # type: ignore[misc]
 
 
@@ -327,18 +388,18 @@ def _recording(asked: SourceSettings) -> LiveSource:
 
 
 def _file(asked: SourceSettings) -> LiveSource:
-    path = Path(asked.name)
+    path, note = Path(asked.name), ""
     if path.is_dir():
         loop = _images(path, asked.fps or 25.0)
     else:
         video = open_video(path)
-        loop = Loop(
-            video.rate,
-            video.image_size,
-            video.num_frames / video.rate,
-            lambda start_s: _pictures(video.frames(start_s)),
-        )
-    return PacedSource(slower(loop, asked.pace), asked.clock, asked.begin_s)
+        frames: Frames = partial(_pictures, video)
+        if isinstance(video, VideoSource) and video.on_demand:
+            frames = video.coded
+        else:
+            note = WHOLE.format(path, "it is not one file of H.264 or H.265 (MP4, MKV, TS)")
+        loop = Loop(video.rate, video.image_size, video.num_frames / video.rate, frames)
+    return PacedSource(slower(loop, asked.pace), asked.clock, asked.begin_s, note)
 
 
 GROUP = "e3pose.sources"  # the entry points of other packages

@@ -69,6 +69,21 @@ class Schedule:
         ahead = [slot for slot, active in self.active.items() if active and slot >= here]
         return max(now_edge_ns, self.times.begin_ns(min(ahead))) if ahead else None
 
+    def free_s(self, now_edge_ns: int, newest_slot: int) -> float:
+        """Return how long no frame is needed: until a slot that is active, or not ordered yet.
+
+        Args:
+            now_edge_ns: the edge's time.
+            newest_slot: that has its frame.
+        """
+        if self.times is None:
+            return 0.0
+        slot = _slot_ahead(self.times, now_edge_ns, newest_slot)
+        while self.active.get(slot) is False:
+            slot += 1
+        begin_ns = self.times.begin_ns(slot) - EARLY_SHARE * self.times.interval_ns
+        return max(begin_ns - now_edge_ns, 0.0) / 1e9
+
     def alarm_ns(self, now_edge_ns: int, wake_s: float, asleep: bool = False) -> int | None:
         """Return when to wake from a sleep that is to begin or go on now; None to be awake.
 
@@ -137,6 +152,13 @@ def _sleep_of(schedule: Schedule, order: Order) -> dict[str, Any]:
     }
 
 
+def _slot_ahead(times: SlotTimes, edge_ns: int, newest_slot: int) -> int:
+    """Return the slot that a frame of now may stand for, or the next one if that has its frame."""
+    here = times.slot_at(edge_ns)
+    # A slot that is far ahead was seen before the clock was found to be wrong.
+    return here if newest_slot > here + 1 else max(here, newest_slot + 1)
+
+
 def slot_of_frame(
     times: SlotTimes, edge_ns: int, newest_slot: int, frame_interval_ns: int
 ) -> int | None:
@@ -153,9 +175,7 @@ def slot_of_frame(
         newest_slot: the slot of the frame before, in which nothing more is needed.
         frame_interval_ns: time to the next frame, about.
     """
-    here = times.slot_at(edge_ns)
-    # A slot that is far ahead was seen before the clock was found to be wrong.
-    slot = here if newest_slot > here + 1 else max(here, newest_slot + 1)
+    slot = _slot_ahead(times, edge_ns, newest_slot)
     if edge_ns < times.begin_ns(slot) - EARLY_SHARE * times.interval_ns:
         return None
     off_ns = abs(edge_ns - times.middle_ns(slot))

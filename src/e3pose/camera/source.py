@@ -11,6 +11,7 @@ its own and has a time for each packet, and pictures have a bound before they ar
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -21,8 +22,9 @@ from numpy.typing import NDArray
 
 from e3pose.base.bounded import read_bytes
 from e3pose.base.errors import InputError, reason_of
-from e3pose.base.jpeg import MOST_SCANS, SCAN, check_picture
+from e3pose.base.jpeg import check_picture
 from e3pose.base.threads import Found, OtherThread
+from e3pose.camera.decoding import ON_DEMAND, Coded, Intact, OnDemand, decoded
 from e3pose.camera.orientation import Orientation, display_orientation
 from e3pose.recording.detections.importing import frame_numbers
 from e3pose.recording.videos import chapters_of
@@ -32,6 +34,8 @@ CONTAINERS = (
     "mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,ivf,obu,flv,asf,ogg,mjpeg,"
     "mxf,nut"
 )
+# Containers whose packets have times of presentation.
+TIMED = ("mp4", "matroska", "mpegts")
 MAX_PIXELS = 8192 * 8192  # of one frame: 200 MB in RGB
 MAX_PICTURE_BYTES = 300_000_000
 DECODER = {"max_pixels": str(MAX_PIXELS)}  # FFmpeg refuses larger pictures before it decodes them
@@ -75,6 +79,7 @@ class VideoSource:
         turned: whether the file asks for a quarter turn: `image_size` is the stored size swapped.
         rate: nominal frames per second.
         num_frames: how many frames the file announces; an estimate, for a progress bar.
+        on_demand: whether its pictures can be decoded as they are needed.
         late_s: when its first frame that can be decoded is shown, in seconds.
         lost_frames: frames the last reading could not decode.
         damage: what was wrong in the last reading, in words; empty if nothing was.
@@ -85,6 +90,7 @@ class VideoSource:
     turned: bool
     rate: float
     num_frames: int
+    on_demand: bool = False
     late_s: float = 0.0
     lost_frames: int = 0
     damage: str = ""
@@ -129,6 +135,19 @@ class VideoSource:
             elif self._zero_s is None:
                 index += 1  # without timestamps the count is the clock
         self.damage = self._describe(last_s)
+
+    def coded(self, start_s: float = 0.0) -> Iterator[tuple[float, Coded]]:
+        """Yield time and picture of each frame from `start_s` on, of a film that is `on_demand`."""
+        with _Film(self.path, self._stored_size) as film:
+            stream, zero_s = film.stream, self._zero_s or 0.0
+            stream.thread_type = "SLICE"  # threads for whole pictures decode some that nobody needs
+            if start_s > 0:
+                film.seek(zero_s + start_s)
+            pictures = OnDemand(film.undecoded(), stream.codec_context)
+            while (at := pictures.next()) is not None:
+                time_s = float(at * stream.time_base) - zero_s
+                if time_s >= start_s - 1e-9:
+                    yield time_s, Coded(pictures, at, self._stored_size, self._orientation)
 
     def sound(self, rate: int, seconds: float) -> NDArray[np.float64] | None:
         """Return `(num_samples,)` of its sound from the first frame on; None without any.
@@ -249,6 +268,7 @@ def _open_file(path: Path, image_size: tuple[int, int] | None, as_stored: bool) 
         first_s = None if first.time is None else float(first.time)
         zero_s = None if first_s is None else _zero_s(film.container, stream, first_s)
         length_s = _length_s(film.container, stream, rate, zero_s)
+        timed = any(name in film.container.format.name for name in TIMED) and zero_s is not None
         counted = [int(stream.frames)] if stream.frames else []
         counted += [] if length_s is None else [round(length_s * rate) + 1]
         return VideoSource(
@@ -257,6 +277,7 @@ def _open_file(path: Path, image_size: tuple[int, int] | None, as_stored: bool) 
             orientation.transpose,
             rate,
             max(min(counted, default=1), 1),
+            timed and stream.codec_context.name in ON_DEMAND and not first.interlaced_frame,
             0.0 if first_s is None or zero_s is None else first_s - zero_s,
             _zero_s=zero_s,
             _length_s=length_s,
@@ -394,13 +415,17 @@ class _Film:
                 packet = next(packets, None)
             except av.error.FFmpegError:  # nothing can be read beyond
                 packet = None
-            try:
-                return None if packet is None else (packet, decode_bounded(packet))
-            except av.error.FFmpegError:
-                return packet, None
+            return None if packet is None else (packet, decoded(packet))
 
         while (found := self._call(step)) is not None:
             yield found
+
+    def undecoded(self) -> Iterator[Any]:
+        """Yield the packets of its pictures, for somebody who watches the time."""
+        import av
+
+        with suppress(av.error.FFmpegError):  # nothing can be read beyond
+            yield from self.container.demux(self.stream)
 
     def _call(self, function: Callable[[], Found]) -> Found:
         """Have FFmpeg do something; it looks at no clock while it decodes."""
@@ -443,46 +468,14 @@ def _decode(
     max_packets: int | None = None,
     seek_s: float | None = None,
 ) -> Iterator[Any]:
-    """Yield intact pictures; count the damaged, and those guessed until the next key frame.
-
-    Pictures come out later than their packets go in. What is shown before the last key frame that
-    went in may still be guessed. A key frame itself may never be shown: an edit list can begin
-    behind it.
-    """
+    """Yield intact pictures, and count the others."""
     if seek_s is not None and not film.seek(seek_s):
         return
-    key = intact_from = np.inf  # presentation times of the last key frame, and of the first intact
+    intact = Intact()
     for packet, pictures in islice(film.packets(film.stream), max_packets):
-        if packet.is_keyframe and packet.pts is not None:
-            key = packet.pts
-            intact_from = min(intact_from, key)
-        if pictures is None:
-            key = intact_from = np.inf
-            counter.lost_frames += 1
-            continue
-        for picture in pictures:
-            time = -np.inf if picture.pts is None else picture.pts
-            if picture.is_corrupt:
-                intact_from = key if time < key else np.inf
-            elif picture.key_frame:
-                intact_from = min(intact_from, time)
-            if not picture.is_corrupt and time >= intact_from:
-                yield picture
-            else:
-                counter.lost_frames += 1
-
-
-def decode_bounded(packet: Any) -> list[Any]:
-    """Return the pictures of a packet; one that FFmpeg decodes for seconds counts as damaged.
-
-    A JPEG may go over its picture thousands of times, and no clock is looked at meanwhile.
-    """
-    import av
-
-    jpeg = packet.stream.codec_context.name == "mjpeg"
-    if jpeg and bytes(packet).count(SCAN) > 2 * MOST_SCANS:  # both fields may be in a packet
-        raise av.error.InvalidDataError(0, "a JPEG of too many scans")
-    return list(packet.decode())
+        before, shown = intact.lost, intact.of(packet, pictures)
+        counter.lost_frames += intact.lost - before
+        yield from shown
 
 
 def _deinterlaced(stream: Any, pictures: Iterator[Any]) -> Iterator[Any]:

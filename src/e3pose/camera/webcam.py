@@ -23,7 +23,7 @@ from e3pose.base.clock import Clock
 from e3pose.base.errors import InputError, reason_of
 from e3pose.base.system import group_of, video_input
 from e3pose.camera.base import LiveFrame, SourceSettings, mark_of, taken_ns
-from e3pose.camera.source import decode_bounded
+from e3pose.camera.decoding import decode_bounded
 
 DEV, SYS = Path("/dev"), Path("/sys")
 ON_LINUX = re.compile(r"\d{1,3}|by-(id|path)/[A-Za-z0-9_.:,+@-]+")
