@@ -250,6 +250,19 @@ def test_film_that_cannot_be_decoded_on_demand_says_so(tmp_path: Path) -> None:
         assert ("all pictures are decoded" in source.note) is told
 
 
+def test_film_is_decoded_before_the_moment_at_which_it_may_be_needed(tmp_path: Path) -> None:
+    source = make_source(str(write(tmp_path / "film.mp4", X264, {})), "cam1", WallClock())
+    assert isinstance(source, OnDemandSource)
+    source.open()
+    for in_s, ready in ((None, True), (10.0, False), (0.0, True)):
+        if in_s is not None:
+            source.need(in_s)
+        frame = source.read()
+        assert frame is not None and isinstance(frame.image, decoding.Coded)
+        assert (frame.image.picture is not None) is ready, in_s
+    source.close()
+
+
 def test_time_without_need_ends_with_a_slot_that_is_active_or_not_ordered() -> None:
     times = SlotTimes(0, 100_000_000)
     for active, newest, free_ms in (

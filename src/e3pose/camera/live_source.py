@@ -105,7 +105,7 @@ class PacedSource:
     begin_s: float = 0.0
     note: str = ""
     _coded: Coded | None = None  # the newest, of a film that is decoded on demand
-    _needed: bool = True
+    _needed_ns: int = 0  # when the next picture is
     _playing: Iterator[tuple[float, Callable[[], Any]]] | None = None
     _round_ns: int = 0
     _ahead: tuple[float, Callable[[], Any]] | None = None
@@ -126,7 +126,7 @@ class PacedSource:
 
     def need(self, in_s: float) -> None:
         """See `OnDemandSource.need`."""
-        self._needed = False
+        self._needed_ns = self.clock.now_ns() + round(in_s * 1e9)
         if self._coded is not None and self._coded.stream is not None:
             self._coded.stream.keep_up(in_s, 1 / self.fps)
 
@@ -149,7 +149,7 @@ class PacedSource:
             if isinstance(due[1], Coded):
                 self._coded = due[1]
                 frame = replace(frame, decode=due[1].decode)
-                if self._needed and not due[1].decode():
+                if due_ns >= self._needed_ns and not due[1].decode():  # ready before it is due
                     continue
             time.sleep(max((due_ns - self.clock.now_ns()) / 1e9, 0.0))
             return frame
@@ -158,7 +158,7 @@ class PacedSource:
     def close(self) -> None:
         """See `LiveSource.close`."""
         self._playing = self._coded = None
-        self._needed = True
+        self._needed_ns = 0
 
     def _next(self) -> tuple[float, Callable[[], Any]]:
         for _ in range(2):
