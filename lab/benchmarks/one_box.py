@@ -217,7 +217,9 @@ def main() -> None:
             compare("  outside looks", *(100 * f.beside_s / f.seconds for f in (whole, needed)))
             compare("looks per second", whole.looks_hz, needed.looks_hz)
             compare("median from frame to view, ms", whole.late(), needed.late())
-            compare("mean from frame to view, ms", *(np.mean(f.late_ms) for f in (whole, needed)))
+            compare(
+                "mean from frame to view, ms", *(float(np.mean(f.late_ms)) for f in (whole, needed))
+            )
             compare("95 % from frame to view, ms", whole.late(95), needed.late(95))
             compare("memory, MB", whole.memory_mb, needed.memory_mb)
             compare("decoding alone, s", *decoding_s(needed, fps))
