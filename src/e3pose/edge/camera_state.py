@@ -26,6 +26,7 @@ from e3pose.model.skeleton import (
     lacking,
     serves,
     skeleton_of_joints,
+    some,
     unused,
 )
 from e3pose.select.failure_detector import Silence, patience
@@ -494,7 +495,7 @@ def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
     outputs, expects = _name(found), _name(expected)
     lost = lacking(found, expected)
     missing = [joint for joint in lost if joint in BODY_JOINTS] or lost
-    return f"detector outputs {outputs} without {', '.join(missing)}, the site expects {expects}"
+    return f"detector outputs {outputs} without {some(missing)}, the site expects {expects}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

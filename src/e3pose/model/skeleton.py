@@ -420,9 +420,13 @@ def lacking(joints: Collection[str], target: Collection[str]) -> tuple[str, ...]
 
 def not_used(left: Sequence[str], count: int) -> str:
     """Return what to tell of the joints that are left of so many; empty if there are none."""
-    more = "" if len(left) <= SHOWN else f" and {len(left) - SHOWN} more"
-    shown = ", ".join(left[:SHOWN])
-    return f"{len(left)} of {count} joints not used: {shown}{more}" if left else ""
+    return f"{len(left)} of {count} joints not used: {some(left)}" if left else ""
+
+
+def some(joints: Sequence[str]) -> str:
+    """Return the first of some joints, and how many more there are."""
+    more = "" if len(joints) <= SHOWN else f" and {len(joints) - SHOWN} more"
+    return ", ".join(joints[:SHOWN]) + more
 
 
 def unused(joints: Sequence[str], target: Collection[str]) -> str:

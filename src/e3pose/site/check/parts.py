@@ -15,7 +15,7 @@ from e3pose.base.quantities import plural
 from e3pose.detectors import DETECTORS, GROUP
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.model.camera import Rig
-from e3pose.model.skeleton import lacking, serves, unused
+from e3pose.model.skeleton import lacking, serves, some, unused
 from e3pose.recording.calibration.world import world_problem
 from e3pose.settings.parts import least_watts, row_of, shares
 from e3pose.settings.resolved import ResolvedSite, calibrate_advice
@@ -81,7 +81,7 @@ def skeleton_problems(site: ResolvedSite) -> Iterator[Finding]:
             continue
         what, missing = f"camera {name}", lacking(skeleton.joints, site.skeleton.joints)
         outputs = f"its detector outputs {skeleton.name}"
-        lost = f"without {', '.join(missing)}"
+        lost = f"without {some(missing)}"
         if not serves(skeleton.joints, site.skeleton.joints):
             fix = f'skeleton = "{skeleton.name}", or another detector'
             yield problem(what, f"{outputs}, {lost}", fix)
