@@ -44,6 +44,7 @@ from e3pose.wire.keys.joining import (
 )
 from e3pose.wire.keys.renewal import renew_keys
 
+pytestmark = pytest.mark.slow
 NOW = datetime.datetime.now(datetime.timezone.utc)
 
 

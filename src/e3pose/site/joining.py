@@ -79,7 +79,7 @@ class Joining:
         return {"code": self.code, "left_s": left_s, "said": self.said, "waiting": waiting}
 
     def open(self) -> asyncio.Task[None]:
-        """Show a code and listen; return what ends once it was tried, or is too old.
+        """Show a code and listen; return the task, which ends once it was tried or is too old.
 
         Raises:
             InputError: while another code is shown, for too many, and where nobody can listen.
