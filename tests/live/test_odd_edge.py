@@ -112,6 +112,7 @@ def test_slow_edge_is_told_and_no_camera_is_blamed(site: OddSite) -> None:
     assert len(site.events("camera-useless")) == useless, site.diagnostics()
 
 
+@pytest.mark.nightly
 def test_edge_that_receives_nothing_joins_again(site: OddSite) -> None:
     """After the test before: an edge that joined again in vain waits with the next try."""
     joins_again(site, "lost", "nothing arrives from cameras that are connected")
