@@ -111,12 +111,12 @@ def test_certificates_are_reported_with_the_command_that_mends_them(
     site: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     add_keys(site / "keys", "cam0", NOW - datetime.timedelta(days=1000), again=True)
-    (site / "keys/cameras/cam1/camera.key").unlink()
+    (site / "keys/cameras/cam1/camera.pem").write_text("damaged")
     code, out, err = checked(site, capsys)
     assert code == 1 and err.startswith("e3pose: Not ready: 2 problems, ") and err.count("\n") == 1
     for camera_id, expected in (
         ("cam0", "certificate expired on"),
-        ("cam1", "camera.key: file not"),
+        ("cam1", "camera.pem: "),
     ):
         assert expected in out
         assert f"-> e3pose keys add {camera_id} --again --keys lab/keys, then copy" in out
