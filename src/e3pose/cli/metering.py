@@ -256,7 +256,7 @@ def _ask(question: str) -> str:
 
 
 def _sample(meter: Meter, seconds: float, settle_s: float, guided: bool) -> Sample:
-    """Return what takes the power of a step, on the screen if somebody is guided."""
+    """Return a function that measures the power of a step, on the screen if somebody is guided."""
 
     def sample(step: str, mode: Mode, work: Callable[[], None]) -> Watts:
         if not guided:
