@@ -154,7 +154,7 @@ $(MUTATOR)/.installed: | $(BIN)/python
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 	$(BIN)/python lab/benchmarks/soak.py --minutes 30
 
-attack: $(VENV)/.dev  ## fuzz decoders and files, attack a live site on loopback, in 35 minutes (ATTACK="--write")
+attack: $(VENV)/.dev  ## fuzz decoders and files, attack a live site on loopback, in 40 minutes (ATTACK="--write")
 	$(BIN)/python lab/benchmarks/attack.py $(ATTACK)
 
 # Uploading is a person's: RELEASING.md.
