@@ -50,7 +50,7 @@ def test_openpose_makes_a_recording(source: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("tokens", "message"),
     [
-        (("--fps", "60"), "cameras without a folder: cam2; folders without a camera: other"),
+        (("--fps", "60"), "cameras without a folder: cam2; of no camera: other"),
         (("--fps", "60", "--folder", "cam2:other"), "--folder: found 'cam2:other'"),
         (("--fps", "0", "--folder", "cam2=other"), "--fps: found 0"),
         (("--fps", "fast"), "fps"),

@@ -108,8 +108,8 @@ def test_folders_and_files_find_their_camera(
 @each_case(
     ("names", "given", "message"),
     [
-        (["cam10"], {}, "without a folder: cam1, b; folders without a camera: cam10"),
-        (["cam1", "x"], {}, "without a folder: b; folders without a camera: x"),
+        (["cam10"], {}, "without a folder: cam1, b; of no camera: cam10"),
+        (["cam1", "x"], {}, "without a folder: b; of no camera: x"),
         (["cam1", "b"], {"eve": "cam1"}, "camera 'eve' is not one of cam1, b"),
         (["cam1", "b"], {"cam1": "../a"}, "'../a' holds no detections"),
         (["cam1", "b"], {"cam1": "b", "b": "b"}, "one folder for two cameras"),

@@ -117,7 +117,7 @@ def pair_names(
     lonely = [camera_id for camera_id in camera_ids if camera_id not in paired]
     if not paired or (unpaired and lonely):
         raise InputError(
-            f"{source}: cameras without a folder: {_list(lonely)}; folders without a camera: "
+            f"{source}: cameras without a folder: {_list(lonely)}; of no camera: "
             f"{_list(unpaired)}; expected one per camera, or --folder CAMERA=FOLDER"
         )
     return paired, unpaired
