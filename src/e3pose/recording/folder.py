@@ -302,11 +302,14 @@ def _read_truth(path: Path, header: TruthHeader, num_slots: int) -> Truth:
 
 
 def _skeleton(where: Path, name: str) -> Skeleton:
-    own = where.with_name(SKELETON.format(name))
-    if name not in SHIPPED and not (NAME.fullmatch(name) and own.is_file()):
-        wanted = f"{own.name} beside it, or one of {', '.join(SHIPPED)}"
+    if name in SHIPPED:
+        return load_skeleton(name)
+    own = where.parent / SKELETON.format(name) if NAME.fullmatch(name) else None
+    if own is None or not own.is_file():
+        beside = f"{SKELETON.format(name)} beside it, or " if own else ""
+        wanted = f"{beside}one of {', '.join(SHIPPED)}"
         raise InputError(f"skeleton {name[:40]!r}", "no such skeleton", wanted, str(where))
-    return load_skeleton(name if name in SHIPPED else own)
+    return load_skeleton(own)
 
 
 def _header(recording: Recording) -> Mapping[str, Any]:

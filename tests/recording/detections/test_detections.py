@@ -131,6 +131,12 @@ def test_a_recording_keeps_a_skeleton_of_its_own(tmp_path: Path, calibration: Pa
     (tmp_path / "walk" / "skeleton-mine.toml").unlink()
     with pytest.raises(InputError, match="skeleton 'mine': found no such skeleton, expected skel"):
         load_recording(tmp_path / "walk")
+    header = tmp_path / "walk" / "recording.toml"
+    text = header.read_text()
+    for name in ("../..", "../../etc/passwd", "a/b", ".", "", "x" * 300):
+        header.write_text(text.replace('skeleton = "mine"', f'skeleton = "{name}"'))
+        with pytest.raises(InputError, match="no such skeleton, expected one of coco17, "):
+            load_recording(tmp_path / "walk")
 
 
 def test_joints_that_are_left_are_named(tmp_path: Path, calibration: Path) -> None:
