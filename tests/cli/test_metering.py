@@ -91,6 +91,10 @@ class Terminal:
                 break
         raise AssertionError(f"none of {wanted} in {self.shown!r}")
 
+    def begin(self) -> None:
+        self.until("Press Enter to begin")
+        self.type("")
+
     def type(self, words: str) -> None:
         os.write(self._file, f"{words}\n".encode())
 
@@ -104,8 +108,7 @@ def test_a_plug_is_read_step_by_step_and_a_profile_written(tmp_path: Path, plug:
     words = (*film(tmp_path), "--meter", plug.name, "--seconds", "1.4", "--wakes", "1")
     screen = Terminal(*MEASURE, *words)
     screen.until("5.00 W now")
-    screen.until("Press Enter to begin")
-    screen.type("")
+    screen.begin()
     for step, watts in WATTS.items():
         screen.until(f"/4 {step}: ")
         plug.watts = watts
@@ -130,8 +133,7 @@ def test_a_plug_is_read_step_by_step_and_a_profile_written(tmp_path: Path, plug:
 def test_watts_of_a_display_are_typed(tmp_path: Path) -> None:
     words = (*film(tmp_path), "--meter", "display", "--seconds", "1", "--wakes", "1")
     screen = Terminal(*MEASURE, *words)
-    screen.until("Press Enter to begin")
-    screen.type("")
+    screen.begin()
     for typed in ("none", "-3", "5,0 5.5"):
         screen.until("Watts in these seconds")
         screen.type(typed)
@@ -169,8 +171,7 @@ def test_without_a_terminal_nothing_is_asked_and_nonsense_is_refused_by_its_name
 def test_a_meter_that_falls_silent_is_told(tmp_path: Path, plug: Plug) -> None:
     words = (*film(tmp_path), "--meter", plug.name, "--seconds", "2", "--wakes", "1")
     screen = Terminal(*MEASURE, *words)
-    screen.until("Press Enter to begin")
-    screen.type("")
+    screen.begin()
     screen.until("1/4 idle")
     plug.watts = None
     screen.until("one that answers until the end")

@@ -23,7 +23,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_within, length_m, number, plural, quantity
 from e3pose.camera.live_source import make_source
 from e3pose.cli.network import ready_network
-from e3pose.cli.options import Flag, Whole
+from e3pose.cli.options import Flag, Whole, ask
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.detectors import AUTO, make_detector
 from e3pose.energy.meters.base import MAX_WATTS, Meter, MeterError, Reading
@@ -41,6 +41,7 @@ USUAL_S = 10.0
 LED_S = 40.0  # four steps and their waits are three minutes
 SETTLE_S = 2.0  # until a meter outside shows what a step draws
 DISPLAY = "display"
+ENDED = InputError("power measure", "the input ended", "an answer, or --yes")
 TO_DO = (  # in each of `STEPS`
     "The camera films, no network runs. Leave the computer alone.",
     "The network runs all the time. Walk about in front of the camera.",
@@ -245,14 +246,7 @@ def _begin(meter: Meter, wakes: int) -> None:
     print(f"Meter between this computer and its supply: {shown}.")
     print("Close other programs, unplug what the camera does not need, then plug nothing in")
     print(f"or out. The camera is opened ({plural(wakes, 'time')}), then {len(STEPS)} steps begin.")
-    _ask("Press Enter to begin, Ctrl-C to stop: ")
-
-
-def _ask(question: str) -> str:
-    try:
-        return input(question)
-    except EOFError:
-        raise InputError("power measure", "the input ended", "an answer, or --yes") from None
+    ask("Press Enter to begin, Ctrl-C to stop: ", ENDED)
 
 
 def _sample(meter: Meter, seconds: float, settle_s: float, guided: bool) -> Sample:
@@ -283,7 +277,8 @@ def _sample(meter: Meter, seconds: float, settle_s: float, guided: bool) -> Samp
 def _typed(reading: Reading) -> Watts:
     """Ask for the watts of a step until they are some."""
     while True:
-        words = _ask("Watts in these seconds, one or more such as 4.9 5.1: ").replace(",", ".")
+        typed = ask("Watts in these seconds, one or more such as 4.9 5.1: ", ENDED)
+        words = typed.replace(",", ".")
         try:
             watts = [number(word, "watts") for word in words.split()]
         except InputError:

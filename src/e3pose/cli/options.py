@@ -80,6 +80,14 @@ def options_of(*kinds: type, more: Sequence[str] = ()) -> dict[str, str]:
     return {thing: f"--{thing.replace('_', '-')}" for thing in things}
 
 
+def ask(question: str, ended: InputError) -> str:
+    """Return what a person answers to a question; raise `ended` where the input ends instead."""
+    try:
+        return input(question)
+    except EOFError:
+        raise ended from None
+
+
 def warn(text: str) -> None:
     """Print a line on standard error for the person who typed the command; nothing if empty."""
     if text:

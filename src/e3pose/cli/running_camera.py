@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from cyclopts import Group
 from e3pose.base.errors import MISSING, InputError
 from e3pose.base.masking import has_secret
 from e3pose.base.quantities import shell
-from e3pose.cli.options import Flag, as_typed, warn
+from e3pose.cli.options import Flag, as_typed, ask, warn
 from e3pose.cli.running import Child, begin
 from e3pose.cli.settings_options import options_from
 from e3pose.settings.camera_file import NodeTable, load_node
@@ -102,7 +103,9 @@ def camera(
         path = config or Path(f"{options.name}.toml")  # type: ignore[attr-defined]
         given, names = options.given(path if path.exists() else None, ("camera", "source"))
         with as_typed(names):
-            print(join_site(path, given, _typed), f"next: e3pose camera {shell(path)}", sep="; ")
+            ended = InputError("code", MISSING, "the six digits, typed or piped in")
+            joined = join_site(path, given, partial(ask, ended=ended))
+            print(joined, f"next: e3pose camera {shell(path)}", sep="; ")
         return
     given, names = options.given(config)
     with as_typed(names):
@@ -121,10 +124,3 @@ def camera(
             node.camera, made.counts, made.schedule.orders, made.schedule.late, made.problem
         )
     )
-
-
-def _typed(question: str) -> str:
-    try:
-        return input(question)
-    except EOFError:
-        raise InputError("code", MISSING, "the six digits, typed or piped in") from None

@@ -21,7 +21,7 @@ from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.camera.webcam import crowded_hubs, find_devices, lasting
 from e3pose.cli.network import ready_network
-from e3pose.cli.options import Whole, warn
+from e3pose.cli.options import Whole, ask, warn
 from e3pose.cli.progress import stage_progress
 from e3pose.detectors import AUTO, DETECTORS
 from e3pose.detectors.timing import DetectionTimes, Workload, time_detections
@@ -138,22 +138,17 @@ def _asked() -> list[str]:
                 "setup` finds cameras and phones, `e3pose simulate films --videos` makes films"
             )
         return list(devices)
-    try:
-        return _answers(list(devices))
-    except EOFError:
-        raise InputError(
-            "SOURCE: the input ended, expected an empty line after the last source"
-        ) from None
+    return _answers(list(devices))
 
 
 def _answers(devices: list[str]) -> list[str]:
+    ended = InputError("SOURCE: the input ended, expected an empty line after the last source")
     chosen = []
     for source in devices:
-        if input(f"use {source}? [Y/n] ").strip().lower() in ("", "y", "yes"):
+        if ask(f"use {source}? [Y/n] ", ended).strip().lower() in ("", "y", "yes"):
             chosen.append(source)
-    while word := input(
-        "another source (rtsp://..., http://..., a video; empty to go on): "
-    ).strip():
+    another = "another source (rtsp://..., http://..., a video; empty to go on): "
+    while word := ask(another, ended).strip():
         chosen.append(word)
     return chosen
 
