@@ -23,6 +23,7 @@ from urllib.parse import unquote, urlsplit
 
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
+from e3pose.camera.live_source import STREAMS
 from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.camera.webcam import check_name, find_devices, lasting
 from e3pose.settings.limits import Rotation, check_source
@@ -59,7 +60,6 @@ PROBE = """<?xml version="1.0" encoding="UTF-8"?>
 
 FILMS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v")
 DEPTH, MOST_FILMS, MOST_ENTRIES = 4, 200, 20_000
-STREAMS = ("rtsp", "rtsps", "http", "https")
 DEVICES = ("usb", "picamera2", "imx500", "depthai")
 MAX_SOURCE = 500
 
