@@ -50,9 +50,14 @@ group = "sports"
 
 
 @pytest.fixture
-def hub(tmp_path: Path) -> Hub:
+def house(tmp_path: Path) -> Path:
     (tmp_path / "hub.toml").write_text(HUB)
-    return load_hub(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def hub(house: Path) -> Hub:
+    return load_hub(house)
 
 
 def site_of(folder: Path, hubs: str) -> SiteTable:
@@ -201,26 +206,6 @@ def test_renewed_certificate_is_shown_and_a_wrong_pair_is_told_and_not(tmp_path:
         assert told[1:] == ["certificate of the page renewed"]
         (tmp_path / "hub.key").unlink()  # between two steps of whoever replaces it
         assert page.running() and shown(page) == second
-
-
-FILE = """
-format = "e3pose-hub"
-version = 1
-[[site]]
-name = "lab"
-group = "clinics"
-endpoint = "tcp/127.0.0.1:7447"
-[[site]]
-name = "gym"
-group = "sports"
-endpoint = "tcp/127.0.0.1:7448"
-"""
-
-
-@pytest.fixture
-def house(tmp_path: Path) -> Path:
-    (tmp_path / "hub.toml").write_text(FILE)
-    return tmp_path
 
 
 def test_a_token_has_the_rights_that_were_granted_until_they_are_revoked(house: Path) -> None:
