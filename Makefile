@@ -51,12 +51,12 @@ SITES := --reruns 1 --rerun-show-tracebacks --dist loadfile --no-loadscope-reord
 COMPUTING_NICE ?= 5
 export RERUNS := $(CURDIR)/.reruns
 # Run tests: the name of their part, what pytest runs under, its options, which marks. `@FILE` has
-# more options.
+# more options. A part may have no tests to run (5) where little differs.
 define tests
 @rm -f .failed-$(1)
 @echo 'tests: $(1)'
 @export COVERAGE_FILE=$(COVERAGE)/.coverage.$(1) FAILED=$(CURDIR)/.failed-$(1); \
-  $(2) $(PYTEST) $(COVERED) $(3) -m '$(4) $(DAILY)' @.left-out || { [ -s .failed-$(1) ] && \
+  $(2) $(PYTEST) $(COVERED) $(3) -m '$(4) $(DAILY)' @.left-out || [ $$? = 5 ] || { [ -s .failed-$(1) ] && \
   mv .failed-$(1) .again-$(1) && echo 'once more:' && cat .again-$(1) && \
   cat .again-$(1) >> $(RERUNS) && $(2) $(PYTEST) $(COVERED) @.again-$(1); }
 endef

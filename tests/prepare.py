@@ -5,8 +5,8 @@
 writes to a file which tests pytest is to ignore. A file of tests runs when it, or a module that it
 reaches by imports, differs from the commit where this branch left `origin/main` (or `main`;
 BASE=COMMIT names another one), in the working tree as well. What starts a program reaches
-everything; tests of hub and lab run for what is theirs. Where no such commit is known, everything
-is tested.
+everything; tests of hub and lab run for what is theirs. Where no such commit is known, or nothing
+differs from it, as in a fresh clone, everything is tested.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def beside(path: str) -> set[str]:
 
 def unchanged(differ: set[str]) -> list[str]:
     """Return the files of tests that reach nothing which differs; those of no room always run."""
-    if any(one.startswith(ALWAYS) for one in differ):
+    if not differ or any(one.startswith(ALWAYS) for one in differ):
         return []
     differ = differ.union(*(beside(one) for one in differ - modules()))
     tests = sorted(one for one in modules() if re.fullmatch(r"tests/.+/test_\w+\.py", one))

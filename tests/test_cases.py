@@ -91,6 +91,7 @@ def test_tests_that_reach_nothing_which_differs_are_left_out() -> None:
 def test_everything_is_tested_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare, "git", lambda *words: None)
     assert prepare.base() is None
+    assert prepare.unchanged(set()) == []  # main itself, as CI has it
 
 
 def test_every_test_runs_in_a_part_of_make_test() -> None:
