@@ -32,6 +32,7 @@ from e3pose.wire.keys.joining import (
     MAX_LINE,
     SERVICE,
     TO_EDGE,
+    JoinLine,
     OpenSite,
     _key,
     answer,
@@ -126,7 +127,7 @@ def hello(code: str, name: str = "cam2") -> bytes:
 def test_camera_gets_its_certificate_and_its_key_never_leaves_it(door: Door) -> None:
     assert door.joining.body()["waiting"] == ["cam2", "cam4"]
     private, public = make_key()
-    made = ask_to_join(door.address, door.code(), "cam2", public)
+    made = ask_to_join(door.address, door.code(), "cam2", public, str)
     assert (made.site, made.port, made.hosts[-1]) == (door.name, door.edge, "edge.local")
     certificate, authority = made.certificate.encode(), made.authority.encode()
     assert problem_with(certificate, private, authority, NOW) is None
@@ -147,9 +148,9 @@ def test_camera_gets_its_certificate_and_its_key_never_leaves_it(door: Door) -> 
 def wrong_code(door: Door) -> None:
     code = door.code()
     with pytest.raises(InputError, match="wrong code, or somebody between"):
-        ask_to_join(door.address, other(code), "cam2", make_key()[1])
+        ask_to_join(door.address, other(code), "cam2", make_key()[1], str)
     with pytest.raises(InputError, match=r"it was tried|no code any more|press"):  # a second try
-        ask_to_join(door.address, code, "cam2", make_key()[1])
+        ask_to_join(door.address, code, "cam2", make_key()[1], str)
     door.shut()
     assert "The code is used up, by 127.0.0.1: wrong code" in door.joining.said
     assert door.lines[-1] == f"join: {door.joining.said}"
@@ -162,7 +163,7 @@ def second_try_beside_the_first(door: Door) -> None:
         stream.flush()
         assert read_line(stream.readline()).pake
         with pytest.raises(InputError, match="it was tried"):
-            ask_to_join(door.address, code, "cam2", make_key()[1])
+            ask_to_join(door.address, code, "cam2", make_key()[1], str)
     door.shut()
     assert "the other side ended the connection" in door.joining.said
 
@@ -175,7 +176,7 @@ def code_after_two_minutes(door: Door) -> None:
         door.shut()
     assert door.joining.said == "No camera typed the code in time."
     with pytest.raises(InputError, match="press 'Let a camera join'"):
-        ask_to_join(door.address, code, "cam2", make_key()[1])
+        ask_to_join(door.address, code, "cam2", make_key()[1], str)
 
 
 def many_tries(door: Door) -> None:
@@ -185,7 +186,7 @@ def many_tries(door: Door) -> None:
         with pytest.raises(InputError, match="code is shown already"):
             door.code()
         with pytest.raises(InputError, match="wrong code"):
-            ask_to_join(door.address, other(code), "cam2", make_key()[1])
+            ask_to_join(door.address, other(code), "cam2", make_key()[1], str)
         door.shut()
     with pytest.raises(InputError, match=r"too many codes: the next one in \d+ s"):
         door.code()
@@ -216,7 +217,7 @@ def man_in_the_middle(door: Door) -> None:
         thread = threading.Thread(target=relay)
         thread.start()
         with pytest.raises(InputError, match="wrong code, or somebody between"):
-            ask_to_join(listening.getsockname(), code, "cam2", make_key()[1])
+            ask_to_join(listening.getsockname(), code, "cam2", make_key()[1], str)
         thread.join(10)
 
 
@@ -245,11 +246,36 @@ def relay_that_changes_a_byte(door: Door) -> None:
             thread = threading.Thread(target=relay)
             thread.start()
             with pytest.raises(InputError):
-                ask_to_join(listening.getsockname(), code, "cam2", make_key()[1])
+                ask_to_join(listening.getsockname(), code, "cam2", make_key()[1], str)
             thread.join(10)
         door.shut()
         assert (read_roll(door.keys) == door.before) == (line < 3), line
-    assert door.joining.joined == "cam2"  # the edge had signed: the camera refused what came
+    # The edge had signed: as the camera refused what came, that is worthless and its name free.
+    assert read_roll(door.keys).revoked == ("cam2#2",) and not door.joining.joined
+    ask_to_join(door.address, door.code(), "cam2", make_key()[1], str)
+
+
+def camera_that_does_not_keep_its_certificate(door: Door) -> None:
+    """Its disk is full, it dies, or says nothing: nothing holds its name."""
+
+    def full(_: JoinLine) -> None:
+        raise OSError("No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        ask_to_join(door.address, door.code(), "cam2", make_key()[1], full)
+    door.shut()
+    assert "the other side ended the connection" in door.joining.said
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("e3pose.site.joining.TRY_S", 0.5)
+        code = door.code()
+        with pytest.raises(InputError, match="did not hear that the keys were kept"):
+            ask_to_join(door.address, code, "cam2", make_key()[1], lambda _: door.shut())
+    roll = read_roll(door.keys)
+    assert (roll.cameras, roll.revoked) == (door.before.cameras, ("cam2#2", "cam2#3"))
+    assert door.joining.body()["waiting"] == ["cam2", "cam4"] and not door.joining.joined
+    ask_to_join(door.address, door.code(), "cam2", make_key()[1], str)
+    door.shut()
+    assert read_roll(door.keys).cameras["cam2"] == "cam2#4"
 
 
 def lines_of_other_things(door: Door) -> None:
@@ -270,7 +296,7 @@ def lines_of_other_things(door: Door) -> None:
         assert door.talk(large + b"\n")[:1] in ([], [b""])
     assert door.joining.code == code
     assert [*door.keys.parent.glob("*cam2*")] == []
-    ask_to_join(door.address, code, "cam2", make_key()[1])  # who has the code still gets in
+    ask_to_join(door.address, code, "cam2", make_key()[1], str)  # who has the code still gets in
     door.shut()
     assert door.joining.joined == "cam2"
 
@@ -291,14 +317,14 @@ def keys_that_are_none(door: Door) -> None:
     """Who has the code, but sends no public key, gets none made."""
     for public in (b"", b"x" * 65, b"\x04" + bytes(64)):
         with pytest.raises(InputError, match=r"public key: found .* bytes, expected a point on P"):
-            ask_to_join(door.address, door.code(), "cam2", public)
+            ask_to_join(door.address, door.code(), "cam2", public, str)
         door.shut()
 
 
 def name_that_is_taken(door: Door) -> None:
     for name in ("cam1", "cam9"):
         with pytest.raises(InputError, match=rf"{name}, expected one without a certificate: cam2"):
-            ask_to_join(door.address, door.code(), name, make_key()[1])
+            ask_to_join(door.address, door.code(), name, make_key()[1], str)
         door.shut()
         assert f"{name} got no certificate: camera: found {name}" in door.joining.said
 
@@ -309,7 +335,7 @@ def idle_connections(door: Door) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(40):
             stack.enter_context(socket.create_connection(door.address))
-        ask_to_join(door.address, code, "cam2", make_key()[1])
+        ask_to_join(door.address, code, "cam2", make_key()[1], str)
     door.shut()
     assert door.joining.joined == "cam2"
 
@@ -317,7 +343,7 @@ def idle_connections(door: Door) -> None:
 ATTACKS = (
     wrong_code, second_try_beside_the_first, code_after_two_minutes, many_tries, man_in_the_middle,
     relay_that_changes_a_byte, lines_of_other_things, points_of_no_group, keys_that_are_none,
-    name_that_is_taken, idle_connections,
+    name_that_is_taken, idle_connections, camera_that_does_not_keep_its_certificate,
 )  # fmt: skip
 
 
@@ -412,6 +438,24 @@ def test_what_cannot_be_is_said_before_the_code_is_used(door: Door, tmp_path: Pa
         join_site(tmp_path / "cam2.toml", given | {"keys": "new"}, typing(door, other_of))
     left = sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith("."))
     assert left == ["cam2", "keys", "old.toml", "site.toml"]
+
+
+def test_camera_of_another_site_gets_no_keys_and_keeps_no_name(door: Door, tmp_path: Path) -> None:
+    path = tmp_path / "cam2.toml"
+    path.write_text(
+        'format = "e3pose-camera"\nversion = 1\nsite = "home"\ncamera = "cam2"\nsource = "usb:0"\n'
+        f'keys = "new"\nendpoint = "tls/localhost:{door.edge}"\n'
+    )
+    before = path.read_bytes()
+    door.code()
+    with pytest.raises(InputError, match=rf'site: found home, expected "{door.name}"'):
+        join_site(path, {}, typing(door))
+    door.shut()
+    assert not (tmp_path / "new").exists() and path.read_bytes() == before
+    assert read_roll(door.keys).cameras == door.before.cameras
+    path.write_text(before.decode().replace("home", door.name))
+    door.code()
+    assert "cam2 joined" in join_site(path, {}, typing(door))
 
 
 def other_of(shown: str) -> str:

@@ -328,34 +328,40 @@ def join_site(path: Path, given: Mapping[str, Any], ask: Callable[[str], str]) -
     place = "" if new else str(path)
     if not node.endpoint.encrypted:
         raise InputError("endpoint", node.endpoint, "tls/HOST:PORT of the edge", place)
-    if node.keys is None:
+    if (keys := node.keys) is None:
         raise InputError("keys", MISSING, f'keys = "{node.camera}"', place)
     if new:
         check_output(path)
-    check_free(node.keys, overwrite=None)
+    check_free(keys, overwrite=None)
     site = given.get("site", "") if new else node.site
     where = _site_to_join(None if new and "endpoint" not in given else node.endpoint, site)
     code = joining.read_code(
         ask(f"Code that site {where.site or 'at ' + where.address[0]} shows: ")
     )
-    with atomic_folder(node.keys, private=True) as made:
-        private, public = make_key()
-        write_file(made / "camera.key", private, private=True)
-        admitted = joining.ask_to_join(where.address, code, node.camera, public)
-        write_file(made / "authority.pem", admitted.authority)
-        write_file(made / "camera.pem", admitted.certificate)
-    if new:
-        if "endpoint" not in given:
-            # The edge must be found by what its certificate says.
-            hosts = sorted(admitted.hosts, key=lambda host: host != where.address[0])
-            named = [host for host in hosts if not is_loopback(host)]
-            host = "localhost" if is_loopback(where.address[0]) else [*named, "localhost"][0]
-            draft["endpoint"] = f"tls/{host}:{admitted.port}"
-        file = {"format": CAMERA_FORMAT, "version": 1, **draft, "site": admitted.site}
-        write_file(path, tomli_w.dumps(file), private=True)
-    elif node.site != admitted.site:
-        raise InputError("site", node.site, f'"{admitted.site}", which it joined', place)
-    return f"{node.camera} joined site {admitted.site}, its keys are in {node.keys}"
+    private, public = make_key()
+
+    def keep(admitted: joining.JoinLine) -> None:
+        if not new and node.site != admitted.site:
+            raise InputError("site", node.site, f'"{admitted.site}", which has that code', place)
+        with atomic_folder(keys, private=True) as made:
+            write_file(made / "camera.key", private, private=True)
+            write_file(made / "authority.pem", admitted.authority)
+            write_file(made / "camera.pem", admitted.certificate)
+            if new:
+                if "endpoint" not in given:
+                    draft["endpoint"] = _endpoint_of(admitted, where.address[0])
+                file = {"format": CAMERA_FORMAT, "version": 1, **draft, "site": admitted.site}
+                write_file(path, tomli_w.dumps(file), private=True)
+
+    admitted = joining.ask_to_join(where.address, code, node.camera, public, keep)
+    return f"{node.camera} joined site {admitted.site}, its keys are in {keys}"
+
+
+def _endpoint_of(admitted: joining.JoinLine, host: str) -> str:
+    """Return the endpoint of an edge, found at a host, by what its certificate says."""
+    hosts = sorted(admitted.hosts, key=lambda each: each != host)
+    named = [each for each in hosts if not is_loopback(each)]
+    return f"tls/{'localhost' if is_loopback(host) else [*named, 'localhost'][0]}:{admitted.port}"
 
 
 def _site_to_join(endpoint: Endpoint | None, site: str) -> joining.OpenSite:

@@ -24,7 +24,7 @@ from e3pose.site.phones import AUTHORITY, addresses
 from e3pose.wire.codec import one_line
 from e3pose.wire.endpoint import is_loopback
 from e3pose.wire.keys import joining
-from e3pose.wire.keys.folder import MAX_PEM_BYTES, add_keys, read_roll
+from e3pose.wire.keys.folder import MAX_PEM_BYTES, add_keys, read_roll, revoke_keys
 
 BOUNDS = Bounds(connections=16, per_address=4)
 TRY_S, LINGER_S = 20.0, 2.0  # for the rest of a try, and for its last line to leave
@@ -179,20 +179,33 @@ class Joining:
         public = joining.unseal(
             key, joining.TO_EDGE, joining.read_line(await reader.readline()).sealed
         )
+
+        async def seal(**said: Any) -> None:
+            sealed = key.encrypt(joining.TO_CAMERA, joining.line_of(**said), None)
+            writer.write(joining.line_of(sealed=sealed))
+            await writer.drain()
+
         try:
             said = await asyncio.to_thread(self._admit, name, public)
-            self.joined, self.said = name, f"{name} joined."
         except (InputError, OSError) as error:
-            said = {"problem": one_line(reason_of(error))}
-            self.said = f"{name} got no certificate: {said['problem']}."
-        sealed = key.encrypt(joining.TO_CAMERA, joining.line_of(**said), None)
-        writer.write(joining.line_of(sealed=sealed))
-        await writer.drain()
+            problem = one_line(reason_of(error))
+            self.said = f"{name} got no certificate: {problem}."
+            await seal(problem=problem)
+            return
+        try:
+            await seal(**said)
+            kept = joining.read_line(await reader.readline())
+            joining.unseal(key, joining.KEPT, kept.sealed)
+        except BaseException:  # the camera may have kept nothing: its name is free again
+            await asyncio.to_thread(revoke_keys, self.site.keys, name)
+            raise
+        self.joined, self.said = name, f"{name} joined."
+        writer.write(joining.line_of())
 
     def _admit(self, name: str, public: bytes) -> dict[str, Any]:
         """Return the certificate of a camera, as those that `e3pose keys add` makes, and more."""
         if name in read_roll(self.site.keys).cameras or name not in (self.cameras or [name]):
-            free = ", ".join(self.body()["waiting"]) or "another name"
+            free = ", ".join(self.body()["waiting"]) or f"after `e3pose keys revoke {name}`, {name}"
             raise InputError("camera", name, f"one without a certificate: {free}")
         now = datetime.datetime.now(datetime.timezone.utc)
         place = add_keys(self.site.keys, name, now, public=public)

@@ -4,6 +4,8 @@
     edge -> camera    the other message of SPAKE2
     camera -> edge    sealed: its public key
     edge -> camera    sealed: its certificate, that of the authority, and where the edge is
+    camera -> edge    sealed: that it kept them; without this, the edge revokes the certificate
+    edge -> camera    that it heard this
 
 Each is a line of JSON over TCP. Both sides have one key only if both have one code: who is between
 them, or in the place of one, has one try in a million, and the edge lets a code be tried once. The
@@ -15,8 +17,9 @@ from __future__ import annotations
 import re
 import socket
 import threading
-from contextlib import suppress
-from io import BufferedRWPair
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from io import BufferedReader
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import msgspec
@@ -37,8 +40,8 @@ FIND_S, CONNECT_S, ANSWER_S = 3.0, 3.0, 15.0
 NOBODY = (
     "press 'Let a camera join' on the page of the site, or type `e3pose keys join site.toml` there"
 )
-# Nonces of the one message that each side seals with a key.
-TO_EDGE, TO_CAMERA = b"camera->edge", b"edge->camera"
+# Nonces of the messages that are sealed with a key, one of each.
+TO_EDGE, TO_CAMERA, KEPT = b"camera->edge", b"edge->camera", b"camera: kept"
 Pem = Annotated[str, Meta(max_length=4096)]
 
 
@@ -122,7 +125,13 @@ def unseal(key: ChaCha20Poly1305, nonce: bytes, sealed: bytes) -> bytes:
         ) from None
 
 
-def ask_to_join(address: tuple[str, int], code: str, name: str, public: bytes) -> JoinLine:
+def ask_to_join(
+    address: tuple[str, int],
+    code: str,
+    name: str,
+    public: bytes,
+    keep: Callable[[JoinLine], object],
+) -> JoinLine:
     """Return what an edge says to a camera that has its code.
 
     Args:
@@ -130,6 +139,7 @@ def ask_to_join(address: tuple[str, int], code: str, name: str, public: bytes) -
         code: as the site shows it.
         name: of the camera.
         public: its public key, as of `authority.make_key`.
+        keep: stores what the edge says; where that fails, the edge revokes the certificate.
 
     Raises:
         InputError: where nobody listens, the code is wrong, or the edge refuses, with its words.
@@ -137,18 +147,28 @@ def ask_to_join(address: tuple[str, int], code: str, name: str, public: bytes) -
     from spake2 import SPAKE2_A
 
     side = SPAKE2_A(code.encode(), *_names(name))
-    try:
-        with socket.create_connection(address, CONNECT_S) as made, made.makefile("rwb") as stream:
+    with ExitStack() as stack:
+        try:
+            made = stack.enter_context(socket.create_connection(address, CONNECT_S))
             made.settimeout(ANSWER_S)
-            theirs = _ask(stream, line_of(name=name, pake=side.start()))
+            stream = stack.enter_context(made.makefile("rb"))
+            theirs = _ask(made, stream, line_of(name=name, pake=side.start()))
             key = _key(side, theirs.pake)
-            theirs = _ask(stream, line_of(sealed=key.encrypt(TO_EDGE, public, None)))
-    except OSError as error:
-        raise InputError(f"{address[0]}:{address[1]}: {reason_of(error)}: {NOBODY}") from None
-    admitted = read_line(unseal(key, TO_CAMERA, theirs.sealed))
-    if admitted.problem:
-        raise InputError(one_line(admitted.problem))
-    check_site(admitted.site)
+            theirs = _ask(made, stream, line_of(sealed=key.encrypt(TO_EDGE, public, None)))
+        except OSError as error:
+            raise InputError(f"{address[0]}:{address[1]}: {reason_of(error)}: {NOBODY}") from None
+        admitted = read_line(unseal(key, TO_CAMERA, theirs.sealed))
+        if admitted.problem:
+            raise InputError(one_line(admitted.problem))
+        check_site(admitted.site)
+        keep(admitted)
+        try:
+            _ask(made, stream, line_of(sealed=key.encrypt(KEPT, b"", None)))
+        except (InputError, OSError):
+            raise InputError(
+                "the site did not hear that the keys were kept: delete them, and join again by a "
+                "new code"
+            ) from None
     return admitted
 
 
@@ -167,9 +187,8 @@ def _key(side: object, pake: bytes) -> ChaCha20Poly1305:
         raise InputError("join", "no message of SPAKE2", "that of a program of e3pose") from None
 
 
-def _ask(stream: BufferedRWPair, line: bytes) -> JoinLine:
-    stream.write(line)
-    stream.flush()
+def _ask(made: socket.socket, stream: BufferedReader, line: bytes) -> JoinLine:
+    made.sendall(line)
     if not (came := stream.readline(MAX_LINE)):
         raise InputError(f"the site shows no code any more: {NOBODY}")
     found = read_line(came)
