@@ -353,6 +353,8 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
     options = onnxruntime.SessionOptions()
     options.log_severity_level = ERRORS_ONLY
     options.intra_op_num_threads = threads or 0
+    # Threads that wait in a loop take a core from decoding, and joules from a battery.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=providers)
     except Exception as error:
