@@ -2,8 +2,10 @@
 
     python lab/benchmarks/reconstruct_speed.py CALIBRATION FILM...
 
-Both run one after the other in processes of their own: the network with frames that are decoded
-beforehand, as fast as it goes, and the whole. Prints seconds, their ratio and the peak memory.
+Each runs in a process of its own, one after the other: the network with frames that are decoded
+beforehand, one look at a time on all cores, then as many looks at a time as there are cores; then
+the whole. Prints their seconds, the ratio of the whole to each network, what the whole takes of the
+processor, and its peak memory.
 """
 
 from __future__ import annotations
@@ -14,44 +16,51 @@ import subprocess
 import sys
 import tempfile
 import time
-from pathlib import Path
 
 ALONE = """
 import sys, time
+from functools import partial
+from itertools import islice
+from e3pose.base.threads import in_order
 from e3pose.camera.source import open_video
-from e3pose.detectors import chosen_name, make_detector
-detector, spent_s, frames = make_detector(chosen_name("auto", None, live=False)), 0.0, 0
-for film in sys.argv[1:]:
-    for frame in open_video(film).frames():
-        image = frame.image
+from e3pose.detectors import chosen_name, looks_at_a_time, make_detector, side_by_side
+load = partial(make_detector, chosen_name("auto", None, live=False), None, "auto")
+detector = load(None) if sys.argv[1] == "one" else side_by_side(load)
+looks, spent_s, frames = looks_at_a_time([detector]), 0.0, 0
+for film in sys.argv[2:]:
+    shown = open_video(film).frames()
+    while images := [frame.image for frame in islice(shown, 50)]:
         begun_s = time.perf_counter()
-        detector.detect(image)
-        spent_s, frames = spent_s + time.perf_counter() - begun_s, frames + 1
+        list(in_order(detector.detect, images, looks))
+        spent_s, frames = spent_s + time.perf_counter() - begun_s, frames + len(images)
 print(spent_s, frames)
 """
 
 
 def main(calibration: str, *films: str) -> None:
     """Measure, and print JSON."""
-    ended = subprocess.run(
-        [sys.executable, "-c", ALONE, *films], capture_output=True, text=True, check=True
-    )
-    network_s, frames = map(float, ended.stdout.split())
+    network_s, frames = {}, 0.0
+    for looks in ("one", "many"):
+        words = [sys.executable, "-c", ALONE, looks, *films]
+        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        network_s[looks], frames = map(float, said.split())
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as folder:
-        words = [
-            "reconstruct",
-            *films,
-            "--calibration",
-            calibration,
-            "--out",
-            str(Path(folder, "r")),
-        ]
+        words = ["reconstruct", *films, "--calibration", calibration, "--out", f"{folder}/r"]
         begun_s = time.perf_counter()
         subprocess.run([sys.executable, "-m", "e3pose", *words], check=True, capture_output=True)
         whole_s = time.perf_counter() - begun_s
-    peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    found = {"frames": int(frames), "network_s": round(network_s, 1), "whole_s": round(whole_s, 1)}
-    print(json.dumps({**found, "ratio": round(whole_s / network_s, 2), "peak_mb": round(peak_mb)}))
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    found = {
+        "frames": int(frames),
+        "network_s": {looks: round(seconds, 1) for looks, seconds in network_s.items()},
+        "whole_s": round(whole_s, 1),
+        "ratio": {looks: round(whole_s / seconds, 2) for looks, seconds in network_s.items()},
+        "processor_s": round(processor_s, 1),
+        "peak_mb": round(after.ru_maxrss / 1024),
+    }
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":

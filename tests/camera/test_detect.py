@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -139,6 +141,45 @@ def test_interrupted_run_continues_to_the_same_recording(tmp_path: Path, stop_af
     for name in ("keypoints/cam1.jsonl", "keypoints/cam2.jsonl", "calibration.toml"):
         assert one[name] == two[name]
     assert not partial_folder(dest).exists()
+
+
+class Beside(Brightness):
+    """Has room for other looks beside each of its own, and takes longer for odd frames."""
+
+    threads = 1
+
+    def __init__(self, stop_after: int | None = None) -> None:
+        super().__init__(stop_after)
+        self.most, self._now, self._lock = 0, 0, threading.Lock()
+
+    def detect(self, image: np.ndarray[Any, Any]) -> Poses2D:
+        with self._lock:
+            self._now += 1
+            self.most = max(self.most, self._now)
+            found = super().detect(image)
+        time.sleep(0.01 * (round((float(image.mean()) - DARKEST) / STEP) % 2))
+        with self._lock:
+            self._now -= 1
+        return found
+
+
+def test_looks_beside_each_other_write_the_same_lines_in_order(tmp_path: Path) -> None:
+    inputs, dest, three = videos(tmp_path), tmp_path / "out", DetectSettings(threads=3)
+    detect_videos(inputs, rig(), Brightness(), tmp_path / "straight")
+    one = files(tmp_path / "straight")
+    again, alone = Beside(), Beside()
+    with pytest.raises(KeyboardInterrupt):
+        detect_videos(inputs, rig(), Beside(stop_after=27), dest, three)
+    report = detect_videos(inputs, rig(), again, dest, three)
+    assert again.most == 3 and 20 <= report.resumed_slots <= 29
+    detect_videos(inputs, rig(), alone, tmp_path / "alone", DetectSettings(threads=1))
+    assert alone.most == 1
+    for made in (dest, tmp_path / "alone"):
+        two = files(made)
+        for name in ("keypoints/cam1.jsonl", "keypoints/cam2.jsonl"):
+            assert one[name] == two[name]
+    with pytest.raises(InputError, match="threads: found 0, expected 1 to 1024"):
+        detect_videos(inputs, rig(), alone, tmp_path / "none", DetectSettings(threads=0))
 
 
 @each_case("tail", [b'{"slot":5,"time', b'{"slot":5,"time":0.25,"people":[]}', b"\0"])

@@ -7,11 +7,12 @@ import time
 
 import pytest
 
+from e3pose.detectors import looks_at_a_time
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.site import many_cameras
-from e3pose.site.many_cameras import Cameras, Turns, TurnTime
+from e3pose.site.many_cameras import Turns, TurnTime
 
 
 def burn(seconds: float) -> None:
@@ -71,7 +72,7 @@ def test_look_takes_one_thread_where_the_network_allows_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A network says by itself whether looks go on beside each other; no name is asked."""
-    monkeypatch.setattr(many_cameras, "num_cores", lambda: 8)
+    monkeypatch.setattr("e3pose.detectors.num_cores", lambda: 8)
     said = {"site": "lab", "camera": "cam1", "source": "usb:0", "endpoint": "tcp/127.0.0.1:7001"}
     for beside, asked, cameras, loads, at_a_time in (
         (True, None, 4, [1], 8),
@@ -101,6 +102,4 @@ def test_look_takes_one_thread_where_the_network_allows_it(
         node = load_node(None, {**said, **({} if asked is None else {"threads": asked})})
         made = many_cameras.load_for(node, cameras)
         assert loaded == loads, (beside, asked, cameras)
-        host = Cameras.__new__(Cameras)
-        host._detectors = {("", None, "", None): made}
-        assert host._at_a_time() == at_a_time
+        assert looks_at_a_time([made]) == at_a_time

@@ -1,9 +1,11 @@
-"""Threads of a program that end together when one of them fails, and bounded calls on one."""
+"""Threads that end together when one fails, bounded calls on one, and work shared by several."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
@@ -11,6 +13,7 @@ from typing import Any, TypeVar
 from e3pose.base.errors import Fault
 
 MOST = 15  # characters that Linux keeps
+Item = TypeVar("Item")
 Found = TypeVar("Found")
 
 
@@ -127,3 +130,28 @@ class OtherThread:
                 self._answers.put((function(), None))
             except BaseException as error:
                 self._answers.put((None, error))
+
+
+def in_order(
+    function: Callable[[Item], Found], items: Iterable[Item], threads: int
+) -> Iterator[Found]:
+    """Yield what a function makes of each item, in their order, on so many threads at once.
+
+    Items are taken as they are needed: at most two for each thread wait for their turn. With one
+    thread there is no other, and an item is taken when the one before is done.
+    """
+    if threads == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Found]] = deque()
+        try:
+            for item in items:
+                waiting.append(pool.submit(function, item))
+                if len(waiting) > 2 * threads:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:  # nobody waits for the others
+            for each in waiting:
+                each.cancel()

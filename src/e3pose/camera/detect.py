@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
@@ -16,13 +17,14 @@ import numpy as np
 from e3pose.base.atomic import atomic_folder, check_free
 from e3pose.base.errors import InputError
 from e3pose.base.lock import hold
+from e3pose.base.threads import in_order
 from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.orientation import turned
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import Picture, SlotGrid, frames_in_slots
 from e3pose.camera.source import ImageFolder, Source, open_sources
 from e3pose.camera.unfinished import Unfinished
-from e3pose.detectors import Detector
+from e3pose.detectors import Detector, looks_at_a_time
 from e3pose.detectors.focus import check_feedback, detect_expected
 from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
@@ -68,6 +70,8 @@ class DetectSettings:
         feedback: detect in the parts of images in which people are expected, by what all cameras
             found before; needs cameras whose places are known.
         whole_every: with feedback, one of so many detections uses the full frame.
+        threads: of the CPU, for all looks that go on at a time; None for all cores. With feedback
+            one goes on at a time, else as many as the detector has room for.
     """
 
     fps: float | None = None
@@ -82,6 +86,7 @@ class DetectSettings:
     name: str | None = None
     feedback: bool = False
     whole_every: int = WHOLE_EVERY
+    threads: int | None = None
 
     def __post_init__(self) -> None:
         if self.fps is not None and not MIN_FPS <= self.fps <= MAX_FPS:
@@ -283,8 +288,8 @@ def detect_videos(
 ) -> DetectReport:
     """Find the people in every camera's video and write a recording.
 
-    Every line is on disk before the next detection, in `dest` + `.partial`; the same call
-    continues an interrupted one. `dest` appears when everything is done.
+    Lines are on disk as soon as they are found, frame by frame, in `dest` + `.partial`; the same
+    call continues an interrupted one. `dest` appears when everything is done.
 
     Args:
         videos: files or folders of numbered images, paired with cameras by `pair_videos`; or
@@ -382,6 +387,7 @@ class _Run:
             name: turned(detector, settings.rotations.get(name, 0)) for name in sources
         }
         self.whole_every, self.detector_name = settings.whole_every, detector_name
+        self.at_a_time = looks_at_a_time([detector], settings.threads)
         self.expected = dict(zip(sources, _expected(settings, sources, grid), strict=True))
         self.before = self.done = self.resumed = 0
         self.times = {camera_id: LookTimes() for camera_id in sources}
@@ -426,11 +432,18 @@ class _Run:
             return damage
         begin_s = max(0.0, self.grid.video_time_s(first, offset_s))
         frames = frames_in_slots(source.frames(begin_s), self.grid, offset_s, first)
-        times = self.times[camera_id]
+        detector, times = self.detectors[camera_id], self.times[camera_id]
+        # A look beside others is all on its thread.
+        now_s = time.thread_time if self.at_a_time > 1 else time.process_time
+
+        def look(found: tuple[int, float, Picture]) -> tuple[int, float, Poses2D, float]:
+            begun_s = now_s()
+            poses = detector.detect(found[2].image)
+            return found[0], found[1], poses, now_s() - begun_s
+
         with times.awake(), self.work.path(camera_id).open("ab", buffering=0) as file:
-            for slot, time_s, frame in frames:
-                with times.look():
-                    poses = self.detectors[camera_id].detect(frame.image)
+            for slot, time_s, poses, look_s in in_order(look, frames, self.at_a_time):
+                times.add(look_s)
                 file.write(encode_view(slot, time_s, poses))
                 self._report(camera_id, slot + 1)
         self.work.mark_done(camera_id, source.damage)

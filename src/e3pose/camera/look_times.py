@@ -30,7 +30,11 @@ class LookTimes:
         """Count the body as a look."""
         before_s = time.process_time()
         yield
-        self._look_s += time.process_time() - before_s
+        self.add(time.process_time() - before_s)
+
+    def add(self, look_s: float) -> None:
+        """Count a look that took so many seconds of the processor."""
+        self._look_s += look_s
         self._looks += 1
 
     def found(self) -> ProcessorTime | None:

@@ -19,7 +19,15 @@ from e3pose.cli.network import ready_network
 from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.cli.placed import warn_of_problems
 from e3pose.cli.progress import bar
-from e3pose.detectors import AUTO, DETECTORS, Detector, identify, is_network, make_detector
+from e3pose.detectors import (
+    AUTO,
+    DETECTORS,
+    Detector,
+    identify,
+    is_network,
+    make_detector,
+    side_by_side,
+)
 from e3pose.detectors.weights import find_weights, networks
 from e3pose.detectors.weights.fetch import file_sha256
 from e3pose.recording import load_recording
@@ -158,11 +166,12 @@ def detect(
         name=output.name,
         feedback=network.feedback,
         whole_every=network.whole_every,
+        threads=network.threads,
     )
     check_free(dest, output.overwrite)
     known = None if calibration is None else load_calibration(calibration)
     rig = None if known is None else known.rig
-    detector, name = _detector(network.model, network.family, network.provider, network.threads)
+    detector, name = _detector(network)
     with _resumable(dest), as_typed(OPTIONS), bar("detecting", transient=False) as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)
@@ -176,27 +185,28 @@ def detect(
         warn_of_problems(load_recording(dest), dest)
 
 
-def _detector(
-    model: str, family: str | None, provider: str, threads: int | None
-) -> tuple[Detector, str]:
+def _detector(asked: NetworkOptions) -> tuple[Detector, str]:
     """Load the detector; also say which weights it runs: others do not continue its work."""
-    model = ready_network(model, live=False)
-    path, known = Path(model), networks()
-    if model in known or model in DETECTORS:
-        if family is not None:
-            raise InputError(f"--family: found {family!r} with --model {model}, expected a path")
-        detector = make_detector(model, None, provider, threads)
+    model, family, known = ready_network(asked.model, live=False), asked.family, networks()
+    named = model in known or model in DETECTORS
+    if named and family is not None:
+        raise InputError(f"--family: found {family!r} with --model {model}, expected a path")
+    name, file = (model, None) if family is None else (family, Path(model))
+
+    def load(threads: int | None) -> Detector:
+        return make_detector(name, file, asked.provider, threads)
+
+    with as_typed({"detector": "--model" if family is None else "--family"}):
+        # With feedback one look follows the other, on all threads.
+        detector = load(asked.threads) if asked.feedback else side_by_side(load, asked.threads)
+    if named:
         if model not in known or known[model].source is None:
             return detector, model
         return detector, " ".join([model, *_checksums(find_weights(model))])
-    if family is None and not is_network(path):  # one's own, or an error that lists the names
-        with as_typed({"detector": "--model"}):
-            return make_detector(model, None, provider, threads), model
-    if family is None:
-        detector, family = make_detector(model, None, provider, threads), identify(path)
-    else:
-        detector = make_detector(family, path, provider, threads)
-    return detector, " ".join([family, *_checksums(path)])
+    path = Path(model)
+    if family is None and not is_network(path):  # one's own
+        return detector, model
+    return detector, " ".join([family or identify(path), *_checksums(path)])
 
 
 def _checksums(path: Path) -> list[str]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
 from e3pose.base.errors import InputError
 from e3pose.base.plugins import maker, member
+from e3pose.base.system import num_cores
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.detectors.chooser import AUTO as AUTO
 from e3pose.detectors.chooser import choose_network
 from e3pose.detectors.drawn import Drawn
 from e3pose.detectors.ecpose import EcPose
-from e3pose.detectors.inference import SUFFIXES, Network, load_network
+from e3pose.detectors.inference import SUFFIXES, Network, check_threads, load_network
 from e3pose.detectors.movenet import MoveNet
 from e3pose.detectors.openpose import OpenPose
 from e3pose.detectors.rtmo import Rtmo
@@ -105,6 +106,34 @@ def chosen_name(name: str, model: Path | None = None, live: bool = True) -> str:
     if name != AUTO:
         return name
     return choose_network(live).name if model is None else identify(model)
+
+
+def side_by_side(load: Callable[[int | None], Detector], threads: int | None = None) -> Detector:
+    """Return a detector for several looks at a time, each on one thread, where that is possible.
+
+    Args:
+        load: loads it for so many CPU threads a look; None for all cores.
+        threads: of a look, where one goes on at a time.
+    """
+    made = load(1)
+    if threads == 1 or threads_of(made) is not None:
+        return made
+    del made  # a device may be there once
+    return load(threads)
+
+
+def threads_of(detector: Detector) -> int | None:
+    """Return `Network.threads` of a detector's network; None also where it does not say."""
+    threads = getattr(detector, "threads", None)
+    return threads if isinstance(threads, int) else None
+
+
+def looks_at_a_time(detectors: Iterable[Detector], threads: int | None = None) -> int:
+    """Return how many looks may go on at a time on so many CPU threads; None for all cores."""
+    check_threads(threads)
+    threads = threads or num_cores()
+    each = [threads_of(detector) or threads for detector in detectors]
+    return max(1, threads // max(each, default=1))
 
 
 def is_network(path: Path) -> bool:

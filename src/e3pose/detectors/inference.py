@@ -271,6 +271,12 @@ def choose_providers(
     ]
 
 
+def check_threads(threads: int | None) -> None:
+    """Raise `InputError` for a number of CPU threads that cannot be; None is all cores."""
+    if threads is not None and not 1 <= threads <= 1024:
+        raise InputError(f"threads: found {threads}, expected 1 to 1024")
+
+
 def load_network(
     path: Path, provider: str = "auto", threads: int | None = None, known: bool = False
 ) -> Network:
@@ -294,8 +300,7 @@ def load_network(
         raise InputError(
             f"{path}: found {size} bytes, expected a network of 1 to {MAX_MODEL_BYTES}"
         )
-    if threads is not None and not 1 <= threads <= 1024:
-        raise InputError(f"threads: found {threads}, expected 1 to 1024")
+    check_threads(threads)
     if path.suffix == ".onnx":
         check_external_data(path)
     if path.suffix == ".tflite" and find_spec("ai_edge_litert") is None:

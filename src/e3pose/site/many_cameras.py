@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from e3pose.base.errors import Fault, InputError
-from e3pose.base.system import num_cores
 from e3pose.camera.live import CameraNode, ProcessorTime, Stuck
-from e3pose.detectors.base import Detector
+from e3pose.detectors import Detector, looks_at_a_time, side_by_side
 from e3pose.settings.camera_file import NodeTable, is_camera_file, load_node
 from e3pose.settings.resolved import resolve_site
 from e3pose.settings.sources import detects
@@ -137,7 +136,7 @@ class Cameras:
         for seat in self._seats:
             with suppress(InputError):  # is told when the camera opens
                 self._detector(seat.node)
-        self.turns = Turns(self._at_a_time(), len(nodes))
+        self.turns = Turns(looks_at_a_time(self._detectors.values()), len(nodes))
         try:
             for seat in self._seats:
                 self._open(seat)
@@ -192,11 +191,6 @@ class Cameras:
             each.start()
         for each in enders:
             each.join()
-
-    def _at_a_time(self) -> int:
-        """Return how many looks go on at a time."""
-        threads = [threads_of(made) or num_cores() for made in self._detectors.values()]
-        return max(1, num_cores() // max(threads, default=1))
 
     def _detector(self, node: NodeTable) -> Detector | None:
         """Return the detector of a camera, which others share; None of one without."""
@@ -262,15 +256,8 @@ def load_for(node: NodeTable, cameras: int) -> Detector:
         node: the camera's settings.
         cameras: in the program.
     """
-    threads = node.threads or (1 if cameras > 1 else None)
-    made = load_detector(replace(node, threads=threads), node.detector)
-    if threads == node.threads or threads_of(made) is not None:
-        return made
-    del made  # a device may be there once
-    return load_detector(node, node.detector)
 
+    def load(threads: int | None) -> Detector:
+        return load_detector(replace(node, threads=threads), node.detector)
 
-def threads_of(detector: Detector) -> int | None:
-    """Return `Network.threads` of a detector's network; None also where it does not say."""
-    threads = getattr(detector, "threads", None)
-    return threads if isinstance(threads, int) else None
+    return load(node.threads) if node.threads or cameras == 1 else side_by_side(load)
