@@ -15,6 +15,7 @@ from e3pose.pipeline import SlotRecord
 from e3pose.store.export import long_columns, write_tables
 
 FORMATS = (".csv", ".parquet")
+CHUNK = 2000  # slots whose rows are made at once: each row is a dozen objects
 
 
 def check_poses_path(path: Path) -> Path:
@@ -38,7 +39,9 @@ def write_poses(records: Sequence[SlotRecord], skeleton: Skeleton, path: Path) -
         InputError: when the file's ending names no known format.
     """
     check_poses_path(path)
-    write_tables([_columns(records, skeleton)], path, path.suffix[1:])
+    seen = [record for record in records if len(record.people)] or records[:1]
+    parts = (seen[i : i + CHUNK] for i in range(0, max(len(seen), 1), CHUNK))
+    write_tables((_columns(part, skeleton) for part in parts), path, path.suffix[1:])
 
 
 def _columns(records: Sequence[SlotRecord], skeleton: Skeleton) -> dict[str, Any]:
