@@ -153,6 +153,23 @@ def run(*words: object, cwd: Path, **more: str) -> str:
     return ended.stdout
 
 
+@pytest.mark.nightly
+@pytest.mark.network
+@pytest.mark.parametrize("python", ["3.10", "3.13"])
+def test_cameras_install_on_boards_of_64_bits_alone(python: str, tmp_path: Path) -> None:
+    needs = [str(each) for each in asked("camera", "models")]
+    for machine, works in (("aarch64", True), ("armv7l", False)):
+        kinds = (f"manylinux_2_28_{machine}", f"manylinux_2_17_{machine}", f"linux_{machine}")
+        ended = subprocess.run(
+            [sys.executable, "-m", "pip", "install", "--dry-run", "--only-binary=:all:",
+             "--target", str(tmp_path), "--python-version", python,
+             *(word for kind in kinds for word in ("--platform", kind)), *needs],
+            capture_output=True,
+            text=True,
+        )  # fmt: skip
+        assert (ended.returncode == 0) is works, ended.stderr[-1000:]
+
+
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder in which `make dist` left its files."""

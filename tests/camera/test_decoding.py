@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import subprocess
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -81,12 +82,12 @@ def test_needed_pictures_are_those_of_decoding_all(form: str, tmp_path: Path) ->
     for seed, start_s in itertools.product(range(4), (0.0, 1.7)):
         decoded = shown = 0
         for wanted, (time_s, coded) in zip(needs(seed), video.coded(start_s), strict=False):
-            shown += 1
+            shown, stream = shown + 1, coded.stream
             if wanted:
                 assert np.array_equal(coded(), expected[round(time_s, 6)]), (seed, time_s)
-            assert coded.stream is not None
-            coded.stream.keep_up(0.2 if seed % 2 else 0.0, 1 / FPS)
-            decoded = coded.stream.decoded
+            assert stream is not None
+            stream.keep_up(0.2 if seed % 2 else 0.0, 1 / FPS)
+            decoded = stream.decoded
         assert shown >= COUNT - 1 - start_s * FPS
         if form in ("short groups", "single") and seed % 2:
             assert decoded < 0.7 * shown
@@ -141,13 +142,12 @@ def test_no_picture_is_late_and_packets_are_left_out_where_time_allows(
         wanted, late_s, stream = needs(seed), list[float](), None
         for number, (_, coded) in enumerate(video.coded()):
             due_s = number / FPS
-            machine.now_s = max(machine.now_s, due_s)
+            machine.now_s, stream = max(machine.now_s, due_s), coded.stream
             if wanted[number]:
                 assert coded.decode()
                 late_s.append(machine.now_s - due_s)
             ahead = wanted[number + 1 : number + 1 + round(0.3 * FPS)]
             free = (ahead.index(True) if True in ahead else len(ahead)) / FPS
-            stream = coded.stream
             assert stream is not None
             stream.keep_up(free, 1 / FPS)
         assert stream is not None
@@ -177,15 +177,56 @@ def served(path: Path) -> Iterator[str]:
     thread.join()
 
 
+# GStreamer's server belongs to the Python of the system: `apt install gir1.2-gst-rtsp-server-1.0
+# gstreamer1.0-plugins-good`.
+SERVER = """
+import sys, gi
+gi.require_version("GstRtspServer", "1.0")
+from gi.repository import GLib, Gst, GstRtspServer
+Gst.init(None)
+server, factory = GstRtspServer.RTSPServer(), GstRtspServer.RTSPMediaFactory()
+server.set_address("127.0.0.1")
+server.set_service("0")
+factory.set_launch(f"( filesrc location={sys.argv[1]} ! matroskademux ! rtph264pay name=pay0 )")
+server.get_mount_points().add_factory("/film", factory)
+server.attach(None)
+print(server.get_bound_port(), flush=True)
+GLib.MainLoop().run()
+"""
+
+
+@contextmanager
+def served_by_rtsp(path: Path) -> Iterator[str]:
+    """Serve a film by RTSP; yield its URL."""
+    command = ["/usr/bin/python3", "-c", SERVER, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        if not (port := server.stdout.readline().strip()):
+            pytest.skip("no gir1.2-gst-rtsp-server-1.0")
+        try:
+            yield f"rtsp://127.0.0.1:{port}/film"
+        finally:
+            server.kill()
+
+
 def offset_of(image: Any, expected: list[Any]) -> int:
     """Return the number of a picture; a stream may begin in the middle of what is sent."""
     return next(n for n, each in enumerate(expected) if np.array_equal(image, each))
 
 
-def test_network_camera_decodes_what_is_needed(tmp_path: Path) -> None:
-    path = write(tmp_path / "film.ts", X264, {"g": "12", "bf": "0"})
+@pytest.mark.parametrize(
+    ("serve", "name"),
+    [
+        (served, "film.ts"),
+        pytest.param(served_by_rtsp, "film.mkv", marks=pytest.mark.nightly),
+    ],
+)
+def test_network_camera_decodes_what_is_needed(
+    serve: Callable[[Path], AbstractContextManager[str]], name: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path / name, X264, {"g": "12", "bf": "0"})
     expected, first = [frame.image for frame in opened(path).frames()], -1
-    with served(path) as url:
+    with serve(path) as url:
         source, wanted = StreamSource(url, WallClock()), needs(5)
         assert isinstance(source, OnDemandSource)
         source.open()
