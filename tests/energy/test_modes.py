@@ -13,7 +13,7 @@ from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
 from e3pose.energy.modes import RESTS, Rest
-from e3pose.energy.plan import SENSOR_NOISE, Board, Figure, hours_text, load_boards, plan, reaches
+from e3pose.energy.plan import SENSOR_ERROR, Board, Figure, hours_text, load_boards, plan, reaches
 from e3pose.energy.profiles import PROFILES, load_profile, modes_of, profile_text
 from e3pose.energy.rest_costs import rest_costs
 
@@ -215,7 +215,7 @@ def test_a_sensor_that_detects_has_to_look_more() -> None:
     by_name = {row.board.name: row for row in rows}
     ours, sensor = by_name["a"].reach, by_name["b"].reach
     assert ours is not None and sensor is not None and sensor.active > ours.active
-    assert sensor == next(r for r in reaches(1, 45.0 / SENSOR_NOISE) if r.cameras == 4)
+    assert sensor == next(r for r in reaches(1, 45.0 / SENSOR_ERROR) if r.cameras == 4)
 
 
 def test_the_verb_shows_all_boards_with_their_sources_and_a_picture(
