@@ -180,13 +180,13 @@ def decoding_s(found: Found, fps: float) -> tuple[float, float]:
             whole_s += time.process_time() - begun_s
             begun_s = time.process_time()
             for number, (_, coded) in enumerate(video.coded()):
-                slot = begin + number // each
+                slot, stream = begin + number // each, coded.stream
                 if number % each == each // 2 and slot in active:
                     coded.decode()
                 ahead = range(slot + 1, slot + found.lead)
                 free = next((s for s in ahead if s in active), slot + found.lead) - slot - 0.5
-                assert coded.stream is not None
-                coded.stream.keep_up(free / fps / PACE, 1 / video.rate / PACE)
+                assert stream is not None
+                stream.keep_up(free / fps / PACE, 1 / video.rate / PACE)
             needed_s += time.process_time() - begun_s
     return whole_s, needed_s
 

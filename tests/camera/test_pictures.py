@@ -33,7 +33,7 @@ def asked(pictures: Pictures, have_ns: int = 0, large: bool = False) -> Picture:
 
 
 def offer(pictures: Pictures, slot: int, image: object = IMAGE) -> None:
-    pictures.offer(image, slot, 1000 + slot, SIZE)
+    pictures.offer(lambda: image, slot, 1000 + slot, SIZE)
 
 
 def decoded(found: Picture) -> np.ndarray:

@@ -206,7 +206,7 @@ class Coded:
     """A picture, decoded when it is needed, at the latest before the next one; called for its RGB.
 
     Attributes:
-        stream: that it is of.
+        stream: that it is of; None once it is decoded.
         at: its time there.
         size: `(width, height)` that it should have, as stored.
         orientation: how it is turned.
@@ -221,8 +221,9 @@ class Coded:
 
     def decode(self) -> bool:
         """Decode it; return whether it is intact."""
-        if self.picture is None and self.stream is not None:
-            found = self.stream.picture(self.at)
+        stream, self.stream = self.stream, None  # who holds the picture holds no decoder
+        if stream is not None:
+            found = stream.picture(self.at)
             if found is not None and (found.width, found.height) == self.size:
                 self.picture = found
         return self.picture is not None

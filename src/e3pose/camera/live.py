@@ -600,11 +600,14 @@ class CameraNode:
                 name = self.settings.detector or "the detector"
                 self._report(f"feedback ignored: {name} detects in whole images only")
                 warned = True
+            del seen  # its picture takes some megabytes, until the next one comes
 
     def _look(self, seen: _Seen) -> None:
         """Pass on what is in a frame; a network that runs makes the slot an active one."""
         begun_ns = self.clock.now_ns()
-        frame = seen.frame if self.pictures is None else seen.frame.shared()
+        # What is decoded on demand stays small: it is converted again for who asks for a picture.
+        shared = self.pictures is not None and seen.frame.decode is None
+        frame = seen.frame.shared() if shared else seen.frame
         with self._processor.looking(), self._calls.of("network"):
             begin = partial(self.modes.look, seen.came_ns, seen.interval_ns)
             if frame.poses is not None:
@@ -615,7 +618,7 @@ class CameraNode:
             else:
                 raise InputError("source", "frames without poses", "poses, or a detector")
         if self.pictures is not None:
-            self.pictures.offer(frame.image(), seen.slot, max(seen.edge_ns, 0), frame.image_size)
+            self.pictures.offer(frame.image, seen.slot, max(seen.edge_ns, 0), frame.image_size)
         done_ns = self.clock.now_ns()
         looked = poses.unchanged_s <= 0
         self.counts.unchanged += not looked

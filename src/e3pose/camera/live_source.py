@@ -104,7 +104,7 @@ class PacedSource:
     clock: Clock
     begin_s: float = 0.0
     note: str = ""
-    _coded: Coded | None = None  # the newest, of a film that is decoded on demand
+    _stream: OnDemand | None = None  # of the newest picture, where it is decoded on demand
     _needed_ns: int = 0  # when the next picture is
     _playing: Iterator[tuple[float, Callable[[], Any]]] | None = None
     _round_ns: int = 0
@@ -122,13 +122,13 @@ class PacedSource:
         now_ns = max(self.clock.now_ns(), begin_ns)
         self._round_ns = now_ns - (now_ns - begin_ns) % length_ns
         self._playing = self.loop.frames((now_ns - self._round_ns) / 1e9)
-        self._ahead = self._coded = None
+        self._ahead = self._stream = None
 
     def need(self, in_s: float) -> None:
         """See `OnDemandSource.need`."""
         self._needed_ns = self.clock.now_ns() + round(in_s * 1e9)
-        if self._coded is not None and self._coded.stream is not None:
-            self._coded.stream.keep_up(in_s, 1 / self.fps)
+        if self._stream is not None:
+            self._stream.keep_up(in_s, 1 / self.fps)
 
     def read(self) -> LiveFrame | None:
         """See `LiveSource.read`."""
@@ -145,9 +145,9 @@ class PacedSource:
             if wait_s < -READ_S:  # the machine was busy, or asleep
                 continue
             frame = LiveFrame(due_ns, self.loop.image_size, due[1])
-            self._coded = None
+            self._stream = None
             if isinstance(due[1], Coded):
-                self._coded = due[1]
+                self._stream = due[1].stream
                 frame = replace(frame, decode=due[1].decode)
                 if due_ns >= self._needed_ns and not due[1].decode():  # ready before it is due
                     continue
@@ -157,7 +157,7 @@ class PacedSource:
 
     def close(self) -> None:
         """See `LiveSource.close`."""
-        self._playing = self._coded = None
+        self._playing = self._stream = None
         self._needed_ns = 0
 
     def _next(self) -> tuple[float, Callable[[], Any]]:

@@ -8,7 +8,7 @@ is held in memory, so that a camera that sleeps shows its last one.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +31,7 @@ NO_IMAGES = "its source shows no images"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Newest:
-    image: Any
+    image: Callable[[], Any]
     slot: int
     edge_ns: int
     size: tuple[int, int]
@@ -59,11 +59,13 @@ class Pictures:
         self._spent_j, self._count = 0.0, 0
         self._lock = threading.Lock()
 
-    def offer(self, image: Any, slot: int, edge_ns: int, size: tuple[int, int]) -> None:
+    def offer(
+        self, image: Callable[[], Any], slot: int, edge_ns: int, size: tuple[int, int]
+    ) -> None:
         """Hold the image of a slot until the next one.
 
         Args:
-            image: `(height, width, 3)` RGB, or the keypoints that a simulated source shows.
+            image: returns `(height, width, 3)` RGB, or the keypoints that a simulated source shows.
             slot: in which it was detected.
             edge_ns: when it was captured, by the edge's clock.
             size: `(width, height)` of the frame in pixels.
@@ -80,35 +82,36 @@ class Pictures:
             newest = self._newest
             if newest is None:
                 return encode(self._none(NEVER))
-            shown = isinstance(newest.image, np.ndarray) and newest.image.ndim == 3
-            if not shown and not isinstance(newest.image, Poses2D):
-                return encode(self._none(NO_IMAGES))
             width, now_ns = LARGE_WIDTH if asked.large else WIDTH, self._clock.now_ns()
             made, made_ns = self._made.get(width, (None, 0))
             if made is None or (
                 made.captured_edge_ns != newest.edge_ns and now_ns - made_ns >= PERIOD_NS
             ):
-                made = self._make(newest, width, now_ns)
-                self._made[width] = made, now_ns
+                if (found := self._make(newest, width, now_ns)) is None:
+                    return encode(self._none(NO_IMAGES))
+                made, self._made[width] = found, (found, now_ns)
             had = asked.have_ns > 0 and asked.have_ns == made.captured_edge_ns
             return encode(self._none("") if had else made)
 
     def _none(self, why: str) -> Picture:
         return Picture(self._camera_id, 0, (1, 1), b"", self._count, self._spent_j, why=why)
 
-    def _make(self, newest: _Newest, width: int, begun_ns: int) -> Picture:
+    def _make(self, newest: _Newest, width: int, begun_ns: int) -> Picture | None:
+        """Return the picture of an image; None where the source has none."""
         import cv2
 
-        full_width, full_height = newest.size
-        drawn = isinstance(newest.image, Poses2D)
+        (full_width, full_height), image = newest.size, newest.image()
+        drawn = isinstance(image, Poses2D)
         if not drawn:
-            full_height, full_width = newest.image.shape[:2]
+            if not (isinstance(image, np.ndarray) and image.ndim == 3):
+                return None
+            full_height, full_width = image.shape[:2]
         width = min(width, full_width)
         size = (width, max(1, round(full_height * width / full_width)))
         if drawn:
-            small: Any = self._draw(newest.image, size, width / full_width)
+            small: Any = self._draw(image, size, width / full_width)
         else:
-            small = cv2.resize(newest.image, size, interpolation=cv2.INTER_AREA)
+            small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         coded: Any = cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         took_s = (self._clock.now_ns() - begun_ns) / 1e9
         self._spent_j += (self.watts or 0.0) * took_s

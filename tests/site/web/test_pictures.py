@@ -285,7 +285,7 @@ def test_size_of_a_jpeg_is_read_before_it_is_shown(
 
 def test_pictures_of_cameras_are_read_as_they_are() -> None:
     pictures = Pictures("c0", ManualClock(0))
-    pictures.offer(np.zeros((1080, 1920, 3), np.uint8), 1, 5, (1920, 1080))
+    pictures.offer(lambda: np.zeros((1080, 1920, 3), np.uint8), 1, 5, (1920, 1080))
     answer = pictures.answer("", encode(PictureQuestion(0, True)))
     assert answer is not None
     assert jpeg_size(decode(answer, Picture, "c0").jpeg) == (960, 540)
