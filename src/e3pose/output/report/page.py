@@ -22,6 +22,7 @@ from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
 from e3pose.base.installing import not_installed
 from e3pose.base.quantities import plural
+from e3pose.base.threads import in_order
 from e3pose.camera.provenance import Provenance, load_provenance
 from e3pose.energy.saving import NO_SAVINGS, whole
 from e3pose.evaluate.figures import Distances, Summary, settings_json
@@ -323,7 +324,9 @@ def film(
     count = min(len(shown), MOST_IMAGES // len(chosen))
     at = np.unique(np.linspace(0, len(shown) - 1, count).round().astype(int)).tolist()
     try:
-        pictures = [_pictures(recording, [shown[i] for i in at], folder, name) for name in chosen]
+        slots = [shown[i] for i in at]
+        made = in_order(lambda name: _pictures(recording, slots, folder, name), chosen, len(chosen))
+        pictures = list(made)
     except InputError as error:
         return {"why": str(error.elsewhere())}
     except ModuleNotFoundError as error:
