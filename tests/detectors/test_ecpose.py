@@ -139,3 +139,31 @@ def test_other_outputs_are_refused(tmp_path: Path, names: tuple[str, ...]) -> No
     path = write(tmp_path / "e.onnx", people(1) / 640, [1], np.array([0.9]), names)
     with pytest.raises(InputError, match=r"e\.onnx: outputs: found .*, expected scores \[1, N\]"):
         make_detector("ecpose", path, "cpu", 1)
+
+
+@pytest.mark.parametrize("classes", [1, 2])  # people alone, or nobody before them
+def test_rf_detr_gives_shares_and_logits(tmp_path: Path, classes: int) -> None:
+    truth, path = people(3), tmp_path / "r.onnx"
+    points = np.zeros((1, 3, 17 * classes, 7))
+    points[0, :, -17:, :2], points[0, :, -17:, 2] = (truth + 0.5) / (640, 480), 1.0
+    labels = np.full((1, 3, classes + 1), 900.0)  # of other columns nothing is taken
+    labels[0, :, classes - 1] = (2.0, -0.1, 0.1)
+    answers = {"dets": np.zeros((1, 3, 4)), "labels": labels, "keypoints": points}
+    nodes = [helper.make_node("ReduceMean", ["input"], ["mean"], axes=[1, 2, 3], keepdims=0)]
+    nodes += [helper.make_node("Mul", ["mean", "none"], ["zero"])]
+    nodes += [helper.make_node("Add", ["zero", f"the {name}"], [name]) for name in answers]
+    given = {"none": np.zeros(1), **{f"the {name}": value for name, value in answers.items()}}
+    tensors = [numpy_helper.from_array(v.astype(np.float32), k) for k, v in given.items()]
+    shape = helper.make_tensor_value_info("input", TensorProto.FLOAT, (1, 3, 576, 576))
+    outputs = [
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, value.shape)
+        for name, value in answers.items()
+    ]
+    graph = helper.make_graph(nodes, "test", [shape], outputs, tensors)
+    onnx.save(
+        helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8), path
+    )
+    assert identify(path) == "rf-detr" and skeleton_of("rf-detr", path) == COCO17
+    found = make_detector("rf-detr", path, "cpu", 1).detect(RED)
+    np.testing.assert_allclose(found.keypoints_px, truth[[0, 2]], atol=1e-3)
+    np.testing.assert_allclose(found.scores, 1 / (1 + np.exp(-1.0)), atol=1e-6)

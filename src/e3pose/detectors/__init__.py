@@ -14,7 +14,7 @@ from e3pose.detectors.base import Image as Image
 from e3pose.detectors.chooser import AUTO as AUTO
 from e3pose.detectors.chooser import choose_network
 from e3pose.detectors.drawn import Drawn
-from e3pose.detectors.ecpose import EcPose
+from e3pose.detectors.ecpose import EcPose, RfDetr
 from e3pose.detectors.inference import SUFFIXES, Network, check_threads, load_network
 from e3pose.detectors.movenet import MoveNet
 from e3pose.detectors.openpose import OpenPose
@@ -37,6 +37,7 @@ NETWORKS: dict[str, tuple[Callable[[Network], Detector], Skeleton]] = {
     "yolo-pose": (YoloPose, COCO17),
     "rtmo": (Rtmo, COCO17),
     "ecpose": (EcPose, COCO17),
+    "rf-detr": (RfDetr, COCO17),
 }
 
 

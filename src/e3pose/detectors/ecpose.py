@@ -1,4 +1,4 @@
-"""ECPose, one-stage multi-person networks of EdgeCrafter, as their publisher exports them.
+"""ECPose of EdgeCrafter and RF-DETR Keypoint of Roboflow, as their publishers export them.
 
 Liu et al., "EdgeCrafter: Compact ViTs for Edge Dense Prediction via Task-Specialized Distillation",
 2026. A transformer: it has neither a grid nor a suppression of overlapping boxes, and gives no
@@ -7,11 +7,13 @@ score for a joint. `orig_target_sizes`, its second input, is the size of the pix
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.duplicates import without_duplicates
@@ -29,6 +31,7 @@ DEVIATION_RGB = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 PERSON = 1  # of two labels; 0 is nobody
 MIN_PERSON_SCORE = 0.5  # of the publisher's example
 COORDINATES = (2, 3, None)  # of a keypoint: x, y, and in some files a score
+JOINTS = len(COCO17)
 
 
 class EcPose(InParts):
@@ -42,6 +45,7 @@ class EcPose(InParts):
     """
 
     person_px, long_side, multiple = np.inf, SIDE, 1  # as large as the input allows
+    _wanted = f"scores [1, N], labels [1, N] and keypoints [1, N, {JOINTS}, 2] for {NAME}"
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
@@ -49,14 +53,8 @@ class EcPose(InParts):
         self.provider, self.threads = network.provider, network.threads
         check_image_input(network, NAME)
         named = dict(zip(network.output_names, network.output_shapes, strict=True))
-        points = named.get("keypoints", ())
-        right = len(points) == 4 and points[2] in (len(COCO17), None) and points[3] in COORDINATES
-        if not right or len(named) != 3 or not {"scores", "labels"} < set(named):
+        if not self._fits(named):
             raise self._error(network.output_shapes)
-        names = network.output_names
-        self._scores, self._labels, self._points = map(
-            names.index, ("scores", "labels", "keypoints")
-        )
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None
@@ -68,23 +66,60 @@ class EcPose(InParts):
         pixels = (fit.apply(part.cut(image), 0) / np.float32(255) - MEAN_RGB) / DEVIATION_RGB
         dtype = FLOATS[self._network.input_dtype]
         tensor = np.ascontiguousarray(pixels.transpose(2, 0, 1)[None], dtype=dtype)
-        outputs = self._network.run(tensor)
-        scores, labels = outputs[self._scores], outputs[self._labels]
-        points = np.asarray(outputs[self._points], dtype=np.float64)
-        if points.shape[:3] != (1, scores.size, len(COCO17)) or labels.size != scores.size:
-            raise self._error([output.shape for output in outputs])
-        people = (scores[0] > MIN_PERSON_SCORE) & (labels[0] == PERSON)
-        own = _joint_scores(points[0, people], scores[0, people].astype(np.float64))
+        outputs = dict(zip(self._network.output_names, self._network.run(tensor), strict=True))
+        points, scores = self._people(outputs, fit.input_size)
         # Measured from the outer edge of the first pixel.
-        keypoints = fit.to_image(points[0, people, :, :2] - 0.5)
-        found = poses_in_image(keypoints, own, part.size)
+        found = poses_in_image(fit.to_image(points - 0.5), scores, part.size)
         return part.in_image(without_duplicates(found))
 
+    def _fits(self, named: Mapping[str, tuple[int | None, ...]]) -> bool:
+        points = named.get("keypoints", ())
+        right = len(points) == 4 and points[2] in (JOINTS, None) and points[3] in COORDINATES
+        return right and len(named) == 3 and {"scores", "labels"} < set(named)
+
+    def _people(
+        self, outputs: Mapping[str, NDArray[Any]], input_size: tuple[int, int]
+    ) -> tuple[Floats, Floats]:
+        """Return `(num_persons, 17, 2)` pixels of the input and `(num_persons, 17)` scores."""
+        scores, labels = outputs["scores"], outputs["labels"]
+        points = np.asarray(outputs["keypoints"], dtype=np.float64)
+        if points.shape[:3] != (1, scores.size, JOINTS) or labels.size != scores.size:
+            raise self._error([output.shape for output in outputs.values()])
+        people = (scores[0] > MIN_PERSON_SCORE) & (labels[0] == PERSON)
+        own = _joint_scores(points[0, people], scores[0, people].astype(np.float64))
+        return points[0, people, :, :2], own
+
     def _error(self, found: Any) -> InputError:
-        wanted = f"scores [1, N], labels [1, N] and keypoints [1, N, {len(COCO17)}, 2] for {NAME}"
-        return InputError(
-            f"{self._network.path}: outputs", str([list(shape) for shape in found]), wanted
-        )
+        shapes = str([list(shape) for shape in found])
+        return InputError(f"{self._network.path}: outputs", shapes, self._wanted)
+
+
+class RfDetr(EcPose):
+    """The same image in, without a size.
+
+    Out come boxes `dets`, which are not used, `(1, N, classes)` logits `labels`, and `keypoints`
+    `(1, N, 17 classes, C)`, those of people last: x and y as shares of the image, then the logit of
+    the joint to be found.
+    """
+
+    _wanted = f"dets, labels [1, N, C] and keypoints [1, N, {JOINTS} C, 3 or more] for rf-detr"
+
+    def _fits(self, named: Mapping[str, tuple[int | None, ...]]) -> bool:
+        return set(named) == {"dets", "labels", "keypoints"} and len(named["keypoints"]) == 4
+
+    def _people(
+        self, outputs: Mapping[str, NDArray[Any]], input_size: tuple[int, int]
+    ) -> tuple[Floats, Floats]:
+        logits, points = outputs["labels"], np.asarray(outputs["keypoints"], dtype=np.float64)
+        classes, more = divmod(points.shape[2], JOINTS)
+        if more or points.shape[3] < 3 or not 1 <= classes <= logits.shape[-1]:
+            raise self._error([output.shape for output in outputs.values()])
+        people = points[0, _share(logits[0, :, classes - 1]) > MIN_PERSON_SCORE, -JOINTS:]
+        return people[..., :2] * input_size, _share(people[..., 2])
+
+
+def _share(logits: NDArray[Any]) -> NDArray[Any]:
+    return 0.5 + 0.5 * np.tanh(logits / 2)  # no exponential that may overflow
 
 
 def _joint_scores(points: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
