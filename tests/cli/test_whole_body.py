@@ -13,10 +13,10 @@ from tests.cli.commands import run
 from tests.output.exports.test_skeletons import Gltf, read_bvh
 
 from e3pose.base.arrays import Floats
-from e3pose.model.skeleton import SKELETONS
+from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.recording import Recording, load_recording
 
-WHOLE = SKELETONS["coco133"]
+WHOLE, HAND = SKELETONS["coco133"], SKELETONS["left_hand21"]
 FROM = 30  # slots before everybody is known
 MOST_MM = {"core": 60.0, "detail": 80.0}  # median by joint; each is measured below half of it
 
@@ -42,6 +42,18 @@ def nearest_mm(recording: Recording, slot: int, joints_m: Floats) -> Floats:
     return np.asarray(1000 * apart[np.argmin(middle)])
 
 
+def shown(table: Path, skeleton: Skeleton) -> dict[tuple[int, int], Floats]:
+    """Return the people of a table by slot and track, from `FROM` on."""
+    found: dict[tuple[int, int], Floats] = {}
+    with table.open() as file:
+        for row in csv.DictReader(file):
+            if int(row["slot"]) >= FROM:
+                key = int(row["slot"]), int(row["track"])
+                person = found.setdefault(key, np.full((len(skeleton), 3), np.nan))
+                person[skeleton.index(row["joint"])] = [float(row[axis]) for axis in "xyz"]
+    return found
+
+
 def check(errors_mm: Floats) -> None:
     """Each joint is where the truth has it, in the median over slots and people."""
     middle = np.nanmedian(errors_mm, axis=0)
@@ -53,13 +65,8 @@ def check(errors_mm: Floats) -> None:
 def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
     recording = load_recording(replayed / "rec")
     assert recording.skeleton == WHOLE
-    with (replayed / "poses.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if int(row["slot"]) >= FROM]
-    people = {(int(row["slot"]), int(row["track"])) for row in rows}
-    found = {key: np.full((133, 3), np.nan) for key in people}
-    for row in rows:
-        place = [float(row[axis]) for axis in "xyz"]
-        found[int(row["slot"]), int(row["track"])][WHOLE.index(row["joint"])] = place
+    found = shown(replayed / "poses.csv", WHOLE)
+    people = {*found}
     assert len({track for _, track in people}) >= 2
     check(np.array([nearest_mm(recording, slot, m) for (slot, _), m in found.items()]))
 
@@ -67,14 +74,54 @@ def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
         wide = ["--layout", "archive"] if name.endswith("parquet") else []
         assert run("export", str(replayed / "poses.csv"), str(replayed / name), *wide) == 0
     for track in sorted({track for _, track in people}):
-        shown = {slot: m for (slot, one), m in found.items() if one == track}
-        for places in (_trc(replayed, track), _c3d(replayed, track), _glb(replayed, track, shown),
+        there = {slot: m for (slot, one), m in found.items() if one == track}
+        for places in (_trc(replayed, track), _c3d(replayed, track), _glb(replayed, track, there),
                        _bvh(replayed, track), _wide(replayed, track)):  # fmt: skip
-            off = [places[slot] - m for slot, m in shown.items() if slot in places]
-            assert not shown or len(off) > 20
+            off = [places[slot] - m for slot, m in there.items() if slot in places]
+            assert not there or len(off) > 20
             away_mm = 1000 * np.abs(off if off else np.zeros((1, 133, 3)))
             assert np.nanmedian(away_mm, axis=0).max() < 60.0  # of bones, whose lengths are fixed
             assert np.nanmax(np.delete(away_mm, WHOLE.core, axis=1)) < 1.0  # others are exact
+
+
+def test_hands_alone_are_imported_followed_and_exported(replayed: Path, tmp_path: Path) -> None:
+    whole = load_recording(replayed / "rec")
+    assert whole.truth is not None
+    columns = [WHOLE.index(joint) for joint in HAND.joints]
+    for camera, name in enumerate(whole.rig.camera_ids):
+        frames = []
+        for slot in range(whole.num_slots):
+            view = whole.view(slot, camera)
+            assert view is not None
+            seen = np.dstack([view.keypoints_px, view.scores])[:, columns]
+            hands = [{"keypoints": np.nan_to_num(each).ravel().tolist()} for each in seen]
+            frames.append({"frame_id": slot, "people": [h for h in hands if any(h["keypoints"])]})
+        (tmp_path / "in").mkdir(exist_ok=True)
+        (tmp_path / "in" / f"{name}.json").write_text(json.dumps({"frames": frames}))
+    rig = ["--calibration", str(replayed / "rec" / "calibration.toml"), "--fps", "25"]
+    words = ["import", "detections", str(tmp_path / "in"), str(tmp_path / "rec"), *rig]
+    assert run(*words) == 2  # which hand it is nobody says
+    assert run(*words, "--skeleton", HAND.name) == 0
+    table = tmp_path / "hands.csv"
+    assert run("replay", str(tmp_path / "rec"), "--cameras", "2", "--poses", str(table)) == 0
+    found = shown(table, HAND)
+    true_m = whole.truth.joints_m[:, :, columns]
+    errors_m = [
+        min((np.linalg.norm(hand - m, axis=-1) for (at, _), m in found.items() if at == slot),
+            key=np.nanmedian, default=np.full(21, np.inf))
+        for slot in range(FROM, whole.num_slots) for hand in true_m[slot]
+    ]  # fmt: skip
+    middle_mm = 1000 * np.median(errors_m, axis=0)
+    assert np.mean(np.median(errors_m, axis=1) < 0.1) > 0.95 and middle_mm.max() < 60.0, middle_mm
+    for name in ("walk.trc", "walk.c3d", "walk.glb", "walk.bvh"):
+        assert run("export", str(table), str(tmp_path / name)) == 0
+    for track in {track for _, track in found}:
+        there = {slot: m for (slot, one), m in found.items() if one == track}
+        read = [_trc(tmp_path, track, HAND), _c3d(tmp_path, track, HAND),
+                _glb(tmp_path, track, there, HAND), _bvh(tmp_path, track, HAND)]  # fmt: skip
+        for places in read:
+            off = [np.abs(places[slot] - m) for slot, m in there.items() if slot in places]
+            assert off and np.nanmax(off) < 1e-3
 
 
 def test_the_page_draws_all_limbs(replayed: Path) -> None:
@@ -84,11 +131,11 @@ def test_the_page_draws_all_limbs(replayed: Path) -> None:
     assert [tuple(limb) for limb in json.loads(limbs[1])] == list(WHOLE.limbs)
 
 
-def _trc(folder: Path, track: int) -> dict[int, Floats]:
+def _trc(folder: Path, track: int, of: Skeleton = WHOLE) -> dict[int, Floats]:
     """Places by slot, metres, z up."""
     lines = (folder / f"walk-track{track}.trc").read_text().splitlines()
     names = [name for name in lines[3].split("\t")[2:] if name]
-    assert names == list(WHOLE.joints)
+    assert names == list(of.joints)
     first = round(25 * float(lines[5 if lines[5].strip() else 6].split("\t")[1]))
     found = {}
     for row, line in enumerate(line for line in lines[5:] if line.strip()):
@@ -98,40 +145,38 @@ def _trc(folder: Path, track: int) -> dict[int, Floats]:
     return found
 
 
-def _c3d(folder: Path, track: int) -> dict[int, Floats]:
+def _c3d(folder: Path, track: int, of: Skeleton = WHOLE) -> dict[int, Floats]:
     import ezc3d
 
     file = ezc3d.c3d(str(folder / "walk.c3d"))
     point = file["parameters"]["POINT"]
-    labels = [*point["LABELS"]["value"], *point["LABELS2"]["value"]]
-    assert len(labels) > 255 and len(labels) % 133 == 0
-    columns = [labels.index(f"track{track}:{joint}") for joint in WHOLE.joints]
+    labels = [*point["LABELS"]["value"], *point.get("LABELS2", {"value": []})["value"]]
+    assert len(labels) % len(of) == 0 and (len(labels) > 255) == (of is WHOLE)
+    columns = [labels.index(f"track{track}:{joint}") for joint in of.joints]
     begin = round(25 * float(file["parameters"]["E3POSE"]["START_S"]["value"][0]))
     places = np.moveaxis(file["data"]["points"][:3, columns], 0, -1) / 1000  # (joint, frame, 3)
     return {begin + frame: places[:, frame] for frame in range(places.shape[1])}
 
 
-def _glb(folder: Path, track: int, shown: dict[int, Floats]) -> dict[int, Floats]:
+def _glb(
+    folder: Path, track: int, there: dict[int, Floats], of: Skeleton = WHOLE
+) -> dict[int, Floats]:
     file, found = Gltf(folder / "walk.glb"), {}
-    first = min(_c3d(folder, track))
-    nodes = [file.names.index(f"track{track}_{joint}") for joint in WHOLE.joints]
-    for slot in list(shown)[:30]:
+    first = min(_c3d(folder, track, of))
+    nodes = [file.names.index(f"track{track}_{joint}") for joint in of.joints]
+    for slot in list(there)[:30]:
         places = np.array([file.world(node, (slot - first) / 25)[1] for node in nodes])
         found[slot] = np.stack([places[:, 0], -places[:, 2], places[:, 1]], axis=-1)
     return found
 
 
-def _bvh(folder: Path, track: int) -> dict[int, Floats]:
+def _bvh(folder: Path, track: int, of: Skeleton = WHOLE) -> dict[int, Floats]:
     names, _, _, _, world = read_bvh(folder / f"walk-track{track}.bvh")
-    first = min(_trc(folder, track))
-    columns = [_node(names, joint) for joint in WHOLE.joints]
+    first = min(_trc(folder, track, of))
+    columns = [names.index(joint) for joint in of.joints]
     y_up = world[:, columns]
     places = np.stack([y_up[..., 0], -y_up[..., 2], y_up[..., 1]], axis=-1)
     return {first + frame: each for frame, each in enumerate(places)}
-
-
-def _node(names: list[str], joint: str) -> int:
-    return names.index(joint)
 
 
 def _wide(folder: Path, track: int) -> dict[int, Floats]:

@@ -13,6 +13,7 @@ from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.model.proportions import STATURE_M, size_of
 from e3pose.model.skeleton import (
     BODY25,
     CMU31,
@@ -200,6 +201,17 @@ def test_the_tree_of_a_skeleton_has_one_root_and_its_pairs_are_apart(name: str) 
         above = skeleton.parents[left], skeleton.parents[right]
         paired = above in skeleton.pairs or above[0] == above[1]
         assert paired or {*above} & {left, right} or -1 in above or "hip" in skeleton.joints[left]
+
+
+def test_hands_faces_and_animals_have_their_own_size(tmp_path: Path) -> None:
+    for name in ("coco17", "halpe136", "coco133", "cmu31"):
+        assert size_of(SKELETONS[name]) == 1.0
+    for name, length_m in (("left_hand21", 0.188), ("right_hand20", 0.16), ("face70", 0.15)):
+        assert STATURE_M * size_of(SKELETONS[name]) == pytest.approx(length_m, abs=0.04), name
+    mouse = 'format = "e3pose-skeleton"\nversion = 1\njoints = ["snout", "back", "tail"]\n'
+    rest = "[rest]\nback = [-0.06, 0, 0.01]\ntail = [-0.05, 0, 0]\n"
+    (tmp_path / "mouse.toml").write_text(mouse + 'tree = ["snout back tail"]\n' + rest)
+    assert STATURE_M * size_of(load_skeleton(tmp_path / "mouse.toml")) == pytest.approx(0.11)
 
 
 def test_hands_hang_on_wrists_and_faces_on_heads() -> None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from tests.cases import each_case
 
 from e3pose.model.camera import Camera, Rig
-from e3pose.model.skeleton import SKELETONS
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.description import describe
 from e3pose.recording.problems import epipolar_distances_px, find_problems, truth_distances_px
@@ -186,13 +185,6 @@ def test_a_person_without_annotation_is_named(scene: Recording) -> None:
     truth = Truth(scene.truth.skeleton, scene.truth.person_ids, joints_m)
     (problem,) = find_problems(replace(scene, truth=truth))
     assert (problem.kind, problem.message) == ("no-truth", "bob is annotated in no slot")
-
-
-def test_hands_alone_are_told(scene: Recording) -> None:
-    hand = replace(scene, skeleton=SKELETONS["left_hand21"], truth=None, views=(
-        ViewSeries.from_views([], [], [], 21),) * len(scene.rig))  # fmt: skip
-    assert ("bodiless", "recording") in _found(hand)
-    assert SKELETONS["coco133"].bodiless == "" == scene.skeleton.bodiless
 
 
 def test_an_empty_recording_says_so_and_nothing_else(scene: Recording) -> None:

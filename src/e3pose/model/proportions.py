@@ -19,7 +19,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from e3pose.model.skeleton import BODY_LIMBS
+import numpy as np
+
+from e3pose.model.skeleton import BODY_LIMBS, Skeleton
 
 STATURE_M = 1.68  # physical: of adults
 STATURE_SPREAD = 0.12  # physical: of its logarithm: adults 0.055, and children of 1.1 m
@@ -60,6 +62,19 @@ KINDS = {
 }
 _NUMBERS = {names: number for number, names in enumerate(KINDS)}
 _LIMBS = frozenset(frozenset(limb) for limb in BODY_LIMBS)
+
+
+def size_of(skeleton: Skeleton) -> float:
+    """Return how large a skeleton is at rest beside a person; 1 where not all of its rest is known.
+
+    Hands and faces alone are so followed as people are, and so are animals.
+    """
+    places_m = np.zeros((len(skeleton), 3))
+    rest_m = np.array(skeleton.rest_m or places_m * np.nan)
+    for joint in sorted(range(len(skeleton)), key=skeleton.depth)[1:]:
+        places_m[joint] = places_m[skeleton.parents[joint]] + rest_m[joint]
+    extent_m = float(np.ptp(places_m, axis=0).max())
+    return extent_m / STATURE_M if extent_m > 0 else 1.0
 
 
 def kind_of(first: str, second: str) -> int:

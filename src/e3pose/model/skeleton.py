@@ -143,16 +143,6 @@ class Skeleton:
         return 0 if parent < 0 else 1 + self.depth(parent)
 
     @property
-    def bodiless(self) -> str:
-        """Why nobody is followed by it, in words; empty where people are."""
-        if any(how not in DETAILS for how in self.moves):
-            return ""
-        return (
-            f"{self.name} has no body, by which people are followed: detect hands and faces "
-            "together with it, as coco133 does"
-        )
-
-    @property
     def core(self) -> tuple[int, ...]:
         """Joints that tell people apart: without fingers and skin, if there are others."""
         found = tuple(i for i, how in enumerate(self.moves) if how not in DETAILS)

@@ -172,8 +172,6 @@ def find_problems(
         own = recording.skeleton.name
         message = f"limbs have people's lengths as {other}, not as {own}: --skeleton {other}"
         problems.append(Problem("skeleton", "recording", message))
-    if recording.skeleton.bodiless:
-        problems.append(Problem("bodiless", "recording", recording.skeleton.bodiless))
     for name in recording.rig.unplaced:
         where = "has no place, so replay leaves it out; to place all cameras by people: e3pose "
         made = shell(folder or recording.name)

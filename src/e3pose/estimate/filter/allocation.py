@@ -24,7 +24,7 @@ from e3pose.estimate.filter.scratch import (
 )
 from e3pose.estimate.filter.state import Belief, Model
 from e3pose.model.overlap import overlap
-from e3pose.model.proportions import KINDS
+from e3pose.model.proportions import KINDS, size_of
 from e3pose.model.undistort import make_lenses
 
 
@@ -58,6 +58,7 @@ def make_constants(model: Model) -> Constants:
         *model.sides,
         model.core,
         np.isin(np.arange(len(model.skeleton)), model.core),
+        size_of(model.skeleton),
         np.ascontiguousarray(model.corner_m),
         np.ascontiguousarray(overlap(model.rig)),
         float(model.wait_s),

@@ -8,7 +8,6 @@ import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.base.kernel import kernel
-from e3pose.estimate.filter.bones import Proportions
 from e3pose.estimate.filter.existence import DELIVERED_PRIOR, is_wide
 from e3pose.estimate.filter.failed_pairs import count_failures
 from e3pose.estimate.filter.leftovers import MIN_JOINTS, collect
@@ -66,7 +65,7 @@ def give_birth(
         if best < 0:
             break
         pairs.fits[best] = np.inf
-        if not _is_apart(best, num_tracks, pairs.joints_m, tracks.state):
+        if not _is_apart(best, num_tracks, APART_M * constants.size, pairs.joints_m, tracks.state):
             continue
         first, second = waiting.order[pairs.ends[best, 0]], waiting.order[pairs.ends[best, 1]]
         moved_m = WALK_MPS * abs(waiting.times_s[first] - waiting.times_s[second])
@@ -133,7 +132,7 @@ def _pair(
                 joints_m,
             )
             fit = _fit(joints_m, projections, scales, pairs.cameras, pairs.px, pairs.sorted)
-            if fit < np.inf and _is_human(joints_m, constants.girdles, constants.body, pairs.logs):
+            if fit < np.inf and _is_human(joints_m, constants, pairs.logs):
                 pairs.fits[num_pairs] = fit
                 pairs.ends[num_pairs, 0] = a
                 pairs.ends[num_pairs, 1] = b
@@ -192,7 +191,7 @@ def _fit(
 
 
 @kernel
-def _is_human(joints_m: Floats, girdles: Integers, body: Proportions, logs: Floats) -> bool:
+def _is_human(joints_m: Floats, constants: Constants, logs: Floats) -> bool:
     extent = 0.0
     for axis in range(3):
         lowest, highest = np.inf, -np.inf
@@ -202,14 +201,15 @@ def _is_human(joints_m: Floats, girdles: Integers, body: Proportions, logs: Floa
                 lowest = at if at < lowest else lowest
                 highest = at if at > highest else highest
         extent = highest - lowest if highest - lowest > extent else extent
-    if not MIN_EXTENT_M <= extent <= MOST_M or is_wide(joints_m, girdles):
+    size = constants.size
+    if not MIN_EXTENT_M * size <= extent <= MOST_M * size or is_wide(joints_m, constants.girdles):
         return False
-    stature_m = stature_of(joints_m, body, logs)
+    stature_m = stature_of(joints_m, constants.body, logs)
     return stature_m == 0.0 or LEAST_M <= stature_m <= MOST_M
 
 
 @kernel
-def _is_apart(pair: int, num_tracks: int, joints_m: Floats, state: Floats) -> bool:
+def _is_apart(pair: int, num_tracks: int, apart_m: float, joints_m: Floats, state: Floats) -> bool:
     for track in range(num_tracks):
         count = 0
         total = 0.0
@@ -221,7 +221,7 @@ def _is_apart(pair: int, num_tracks: int, joints_m: Floats, state: Floats) -> bo
                 squares += (state[track, joint, axis] - joints_m[pair, joint, axis]) ** 2
             total += math.sqrt(squares)
             count += 1
-        if total / count < APART_M:
+        if total / count < apart_m:
             return False
     return True
 

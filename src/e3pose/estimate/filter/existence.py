@@ -55,6 +55,7 @@ def attend(
     detection_map: Floats,
     corner_m: Floats,
     core: Integers,
+    size: float,
     tracks: Tracks,
 ) -> None:
     """Count for each track the views that showed it and the views that should have."""
@@ -103,6 +104,7 @@ def attend(
             views,
             matches,
             core,
+            CHEST_M * size,
             tracks.state,
         )
 
@@ -116,10 +118,11 @@ def _alone(
     views: Views,
     matches: Matches,
     core: Integers,
+    chest_m: float,
     state: Floats,
 ) -> float:
     """Return `Belief.alone` of a track after a slot."""
-    nearest, least = -1, CHEST_M
+    nearest, least = -1, chest_m
     for other in range(num_tracks):
         if other != track:
             apart_m = _middles_apart_m(core, state[track], state[other])
@@ -138,7 +141,9 @@ def _alone(
 
 
 @kernel
-def end(num_tracks: int, girdles: Integers, core: Integers, tracks: Tracks, ended: Flags) -> None:
+def end(
+    num_tracks: int, girdles: Integers, core: Integers, size: float, tracks: Tracks, ended: Flags
+) -> None:
     """Fill `ended` `(num_tracks,)`: tracks that are no more."""
     for track in range(num_tracks):
         over = _is_over(tracks.existence[track], core, tracks.unmeasured_s[track])
@@ -146,10 +151,10 @@ def end(num_tracks: int, girdles: Integers, core: Integers, tracks: Tracks, ende
     for track in range(num_tracks):
         for other in range(track):
             younger = track if tracks.hits[track] <= tracks.hits[other] else other
-            same = _is_same(core, tracks.state[track], tracks.state[other])
+            same = _is_same(core, SAME_M * size, tracks.state[track], tracks.state[other])
             if not same and tracks.alone[younger] > MOST_ALONE:
                 apart_m = _middles_apart_m(core, tracks.state[track], tracks.state[other])
-                same = apart_m < CHEST_M
+                same = apart_m < CHEST_M * size
             if same:
                 ended[younger] = True
 
@@ -190,8 +195,8 @@ def _middles_apart_m(core: Integers, first: Floats, second: Floats) -> float:
 
 
 @kernel
-def _is_same(core: Integers, first: Floats, second: Floats) -> bool:
-    """Return whether the median distance of the core joints is below `SAME_M`."""
+def _is_same(core: Integers, same_m: float, first: Floats, second: Floats) -> bool:
+    """Return whether the median distance of the core joints is below `same_m`."""
     near = 0
     below, above = 0.0, np.inf  # the largest distance that is near, the smallest that is not
     for joint in core:
@@ -199,11 +204,11 @@ def _is_same(core: Integers, first: Floats, second: Floats) -> bool:
         for axis in range(3):
             squares += (first[joint, axis] - second[joint, axis]) ** 2
         distance = math.sqrt(squares)
-        if distance < SAME_M:
+        if distance < same_m:
             near += 1
             below = distance if distance > below else below
         else:
             above = distance if distance < above else above
     if 2 * near == len(core):
-        return (below + above) / 2 < SAME_M
+        return (below + above) / 2 < same_m
     return 2 * near > len(core)

@@ -22,7 +22,7 @@ import numpy as np
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.estimate.filter.proportions import BONE_TEACHERS
 from e3pose.estimate.filter.state import APART_M, Belief, Model
-from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M
+from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M, size_of
 
 DEPARTED_S = 300.0  # timeout: then who left is forgotten
 MAX_DEPARTED = 32  # capacity: the newest; among many somebody always looks like a stranger
@@ -224,7 +224,8 @@ def _left(gone: Tracked, before: Belief, belief: Belief, model: Model) -> Tracke
     left = Tracked(gone.tracks, gone.track_ids, seen_s, place, pooled, total)
     others = belief.state[belief.confirmed, :, :2].mean(axis=1)
     beside = np.linalg.norm(place[:, None] - others, axis=-1).min(axis=-1, initial=np.inf)
-    return left[beside >= APART_M]  # else it was a second track of that person
+    apart_m = APART_M * size_of(model.skeleton)
+    return left[beside >= apart_m]  # else it was a second track of that person
 
 
 def _shown(tracks: Integers, belief: Belief, model: Model) -> Tracked:

@@ -44,6 +44,7 @@ class Constants(NamedTuple):
     limbs: Integers  # (num_joints,) of arms 1, of legs 2, else 0
     core: Integers  # (num_core,) joints that tell people apart: without fingers and skin
     is_core: Flags  # (num_joints,)
+    size: float  # of the skeleton beside a person
     corner_m: Floats  # (2,) of the cells of `Belief.detection_map`
     overlap: Floats  # (num_cameras, num_cameras) share of a camera's view (row) that others see
     wait_s: float  # how long a detection that no track explains waits for a second view

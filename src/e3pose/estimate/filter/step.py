@@ -243,6 +243,7 @@ def step_slot(
         detection_map,
         constants.corner_m,
         constants.core,
+        constants.size,
         tracks,
     )
     learn_detection_map(
@@ -251,7 +252,8 @@ def step_slot(
     num_tracks, num_waiting, next_id = give_birth(
         num_tracks, num_old, time_s, dt, next_id, constants, workspace, failed_pairs
     )
-    end(num_tracks, constants.girdles, constants.core, tracks, workspace.offers.flags[0])
+    ended = workspace.offers.flags[0]
+    end(num_tracks, constants.girdles, constants.core, constants.size, tracks, ended)
     return num_tracks, num_waiting, next_id
 
 

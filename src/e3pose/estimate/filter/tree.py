@@ -100,6 +100,10 @@ def grow(skeleton: Skeleton) -> Tree:
     habits = np.array([HABITS[how] for how in skeleton.moves])
     order = [parents.index(-1)]
     habits[order] = TRUNK
+    if {*skeleton.moves} == {"finger"}:  # a wrist takes part in what all joints above it do
+        arm = np.array([TRUNK, STIFF, MIDDLE, END])
+        power = arm[:, 0] ** 2
+        habits[order, :2] = np.sqrt(power.sum()), power @ arm[:, 1] / power.sum()
     for joint in order:
         order.extend(child for child, parent in enumerate(parents) if parent == joint)
     depth = np.zeros(len(parents), dtype=np.int64)

@@ -110,7 +110,7 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
     """Return a person as bones.
 
     Raises:
-        InputError: for a person whose hips were never both seen, or a skeleton without a body.
+        InputError: for a person whose hips were never both seen.
     """
     names, parents, offsets = rest_of(motion, skeleton)
     return _with_others(posed(names, parents, offsets, motion, skeleton), motion, skeleton)
@@ -155,7 +155,7 @@ def _with_others(bones: Bones, motion: Motion, skeleton: Skeleton) -> Bones:
             wanted -= ends[node][:, None]
             measured[node] = present(wanted).all(axis=1)
             if measured[node].any():
-                upper = world[parents[node]]
+                upper = world[parents[node]] if node else np.tile(np.eye(3), (len(wanted), 1, 1))
                 still = np.array(list(pointed.values()))
                 seen = np.where(measured[node][:, None, None], wanted, still)
                 fitted = np.swapaxes(upper, 1, 2) @ _fit(upper, still, seen)
@@ -192,7 +192,7 @@ def _pointed(skeleton: Skeleton, index: int, hands: Mapping[int, Floats]) -> dic
     They are the next one of a finger, and the first one of each finger for the wrist.
     """
     below = {j: hands[j] for j in hands if skeleton.parents[j] == index}
-    if index in hands:
+    if index in hands and skeleton.parents[index] >= 0:
         return below if len(below) == 1 else {}  # the root of a hand stands still on the wrist
     if len(below) == 1:
         (root,) = below
@@ -220,15 +220,17 @@ def rest_of(
     """Return names, parents and offsets of a person's bones at rest, as `Bones` has them.
 
     Raises:
-        InputError: for a person whose hips were never both seen, or a skeleton without a body.
+        InputError: for a person whose hips were never both seen.
     """
     places = _places(motion, skeleton)
-    if ROOT not in places or not present(places[ROOT]).any():
+    root = ROOT if ROOT in places else skeleton.joints[skeleton.parents.index(-1)]
+    if not present(places[root]).any():
+        what = "both hips" if root == ROOT else root
         raise InputError(
-            f"{person_name(motion.track_id)}: found no frame with both hips, which the bones hang "
+            f"{person_name(motion.track_id)}: found no frame with {what}, which the bones hang "
             "on: leave the person out with --track"
         )
-    nodes: dict[str, tuple[str, Floats]] = {ROOT: ("", np.zeros(3))}  # parent and offset
+    nodes: dict[str, tuple[str, Floats]] = {root: ("", np.zeros(3))}  # parent and offset
     for name, (above, direction) in REST.items():
         near = {one: HINGES.get(one, one) for one in above}  # the joint at whose place a node is
         parent = next((one for one in above if near[one] in nodes), None)

@@ -73,9 +73,7 @@ def _seen_by(rig: Rig, axes: Floats) -> NDArray[np.int64]:
 
 
 def skeleton_problems(site: ResolvedSite) -> Iterator[Finding]:
-    """Yield cameras whose detectors lack joints that the site needs, and a site without bodies."""
-    if site.skeleton.bodiless:
-        yield problem("skeleton", site.skeleton.bodiless)
+    """Yield cameras whose detectors lack joints that the site needs."""
     for name, skeleton in site.skeletons.items():
         if skeleton == site.skeleton:
             continue
