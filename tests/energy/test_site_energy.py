@@ -191,7 +191,8 @@ def test_pipeline_follows_the_estimate() -> None:
         lambda: now_ns[0],
     )  # fmt: skip
     pipeline = Pipeline(
-        rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
+        rig=cast(Any, SimpleNamespace(titles={"a": "Küche", "b": "b"})), num_joints=17,
+        interval_s=0.04, estimator=cast(Any, None),
         predictor=cast(Any, None), policy=DriftPlusPenalty(2), queue=Queue(np.ones(2)),
         clock=lambda: 0.0, waking=DriftPlusPenalty,
     )  # fmt: skip
@@ -215,7 +216,7 @@ def test_pipeline_follows_the_estimate() -> None:
     assert changed.queue.cost_j is not None
     np.testing.assert_allclose(changed.queue.cost_j, 0.16, rtol=0.03)
     assert [camera_id for _, _, camera_id in news] == ["a", "b", None]
-    assert "measured" in news[0][1]
+    assert "measured" in news[0][1] and news[0][1].startswith("Küche: ")
     assert re.fullmatch(r"budgets allow 0\.9\d cameras per slot, 2 requested", news[2][1])
 
 

@@ -156,15 +156,11 @@ class EnergyLedger:
             cost = now.slots[index]
             if cost.measured != (last is not None and last.slots[index].measured):
                 costs = f"{cost.active_j:.3g} J per active slot, {cost.idle_j:.3g} J per idle slot"
-                events.append((camera_id, f"{camera_id}: {costs} ({cost.why})"))
+                events.append((camera_id, f"{costs} ({cost.why})"))
             if now.starved[index] and not (last is not None and last.starved[index]):
-                events.append(
-                    (
-                        camera_id,
-                        f"{camera_id}: budget below its idle power of "
-                        f"{cost.idle_j / self._interval_s:.3g} W, selected almost never",
-                    )
-                )
+                idle_w = f"{cost.idle_j / self._interval_s:.3g} W"
+                said = f"budget below its idle power of {idle_w}, selected almost never"
+                events.append((camera_id, said))
         before = self._num_selected if last is None else last.num_selected
         asked = self._num_selected
         if (now.num_selected < asked) != (before < asked):

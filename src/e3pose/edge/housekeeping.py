@@ -366,7 +366,8 @@ class Housekeeping:
             return
         times.append(now_ns)
         if len(times) > MOST_CHANGES:
-            kind, message = "camera-unsteady", f"{camera_id} changes too often: not reported"
+            title = self._edge.pipeline.rig.titles[camera_id]
+            kind, message = "camera-unsteady", f"{title} changes too often: not reported"
         self._edge.event_log.report(kind, message, camera_id)
 
     def keep_checkpoint(self) -> None:

@@ -279,7 +279,7 @@ class Inbox:
         if camera.overslept_s:
             late_s, early_s = camera.overslept_s, camera.wake.early_s
             said = f"overslept by {late_s:.1f} s, woken {early_s:.1f} s early from now"
-            self.overslept.append((camera.camera_id, f"{camera.camera_id} {said}"))
+            self.overslept.append((camera.camera_id, f"{self.rig.titles[camera.camera_id]} {said}"))
         last = beat.ends or beat.mode in RESTING
         if now_ns - self._beat_ns[index] < BEAT_S * 1e9 and not last:
             return

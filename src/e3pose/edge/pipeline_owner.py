@@ -67,7 +67,9 @@ class PipelineOwner:
         if consumers.ledger is not None:
             estimate, changes = consumers.ledger.updated()
             self._charge(estimate)
-            events += [("energy", line, camera_id) for camera_id, line in changes]
+            titles = self.pipeline.rig.titles
+            events += [("energy", f"{titles[camera]}: {line}" if camera else line, camera)
+                       for camera, line in changes]  # fmt: skip
         if consumers.learner is not None:
             consumers.learner.collect(record)
             events += self._predict_by(consumers.learner.poll())

@@ -56,7 +56,7 @@ def screen(status: Status | None, stale_s: float, problems: Sequence[str] = ()) 
     for camera in status.cameras:
         if remark := _remark(camera):
             style = "red" if camera.why else "yellow"
-            lines.append(Text(f"{camera.title or camera.camera_id}: {remark}", style=style))
+            lines.append(Text(f"{camera.title}: {remark}", style=style))
     if status.events:
         lines.append(Text("\n".join(("Recent events:", *status.events[-EVENTS:])), style="dim"))
     return Group(*lines)
@@ -189,7 +189,7 @@ def _row(camera: CameraStatus, bars: bool) -> list[Text]:
     else:
         mode = Text("offline", style="red")
     cells = [_cell(camera, name, bars) for name in FIELDS]
-    return [Text(camera.title or camera.camera_id, style="bold"), mode, *cells]
+    return [Text(camera.title, style="bold"), mode, *cells]
 
 
 def _cell(camera: CameraStatus, name: str, bars: bool) -> Text:

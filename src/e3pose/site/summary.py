@@ -25,7 +25,7 @@ def edge_summary(status: Status, slots: int, views: int) -> list[str]:
             f"time; lead {status.lead}; computing {_quantiles(status.step_ms)} per slot, latency "
             f"{_quantiles(status.latency_ms)} after the last view"
         ]
-    return lines + [f"  {c.title or c.camera_id}: {_camera(c)}" for c in status.cameras]
+    return lines + [f"  {c.title}: {_camera(c)}" for c in status.cameras]
 
 
 def _blind(status: Status) -> str:

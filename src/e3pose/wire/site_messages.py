@@ -75,7 +75,7 @@ class CameraStatus(msgspec.Struct, frozen=True):
         online: whether it can be selected.
         why: reason if it cannot be selected; otherwise a warning.
         mode: last reported mode; None before the first.
-        title: what people call it; its id if empty.
+        title: what people call it; by default its id.
         duty: share of the last minute's slots in which it was selected, blind slots left out.
         power_w: reported power; None if unknown.
         measured: whether the power is measured; otherwise a model estimates it.
@@ -152,6 +152,10 @@ class CameraStatus(msgspec.Struct, frozen=True):
     asleep_s: Annotated[SignedFigure | None, Uses(metric="asleep_seconds")] = None
     wake_s: Annotated[Figure | None, Uses(metric="wake_seconds")] = None
     unchanged: Annotated[Share | None, Uses(metric="unchanged")] = None
+
+    def __post_init__(self) -> None:
+        if not self.title:
+            msgspec.structs.force_setattr(self, "title", self.camera_id)
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):

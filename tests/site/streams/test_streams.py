@@ -39,7 +39,7 @@ from e3pose.wire.arrays import packed_people
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Poses
 
-SOURCE = Source("lab", COCO17, 25.0)
+SOURCE = Source("lab", COCO17, 25.0, titles={"c0": "Küche"})
 TIME_NS = 1_795_000_000_000_000_000
 EVENT = ZoneEvent("enter", "door", 7, 2, 0.0, 3, TIME_NS)
 FELL = PersonEvent("fall", "begun", 7, "bed", TIME_NS - 10**9, TIME_NS, 3, 0.9, "fell")
@@ -148,7 +148,9 @@ def test_mcap_is_read_by_mcap(tmp_path: Path) -> None:
     schema, scene = found["/scene"]
     assert schema is not None and schema.name == "foxglove.SceneUpdate"
     assert scene.log_time == TIME_NS and b"track 7" in scene.data
-    person = json.loads(found["/poses"][1].data)["people"][0]
+    said = json.loads(found["/poses"][1].data)
+    assert said["selected"] == ["c0"] and said["titles"] == {"c0": "Küche"}
+    person = said["people"][0]
     assert person["track"] == 7 and person["joints"]["left_knee"] == [7, KNEE / 10, 1]
     assert "nose" not in person["joints"]
     assert json.loads(found["/zones"][1].data)["event"] == "enter"
@@ -167,7 +169,8 @@ def test_mqtt_is_read_by_paho() -> None:
         tell(stream)
         found = dict(heard.get(timeout=20) for _ in range(4))
         stream.close()
-    assert json.loads(found["e3pose/lab/poses"])["people"][0]["track"] == 7
+    said = json.loads(found["e3pose/lab/poses"])
+    assert said["people"][0]["track"] == 7 and said["titles"] == {"c0": "Küche"}
     assert json.loads(found["e3pose/lab/zone/door"])["event"] == "enter"
     assert found["e3pose/lab/zone/door/count"] == "2"
     said = json.loads(found["e3pose/lab/event/fall"])

@@ -39,16 +39,17 @@ def cameras(**last: Any) -> Status:
     [
         (msgspec.structs.replace(FINE, overload="too slow"), Around(), "overload", "too slow"),
         (msgspec.structs.replace(FINE, doubt="people"), Around(), "calibration", "people"),
-        (cameras(online=False, why="silent for 2 s"), Around(), "camera-gone",
-         "1 camera of 3 gone: c2 (silent for 2 s)."),
+        (cameras(online=False, why="silent for 2 s", title="Küche"), Around(), "camera-gone",
+         "1 camera of 3 gone: Küche (silent for 2 s)."),
         (cameras(battery=0.05), Around(), "battery", "Battery almost empty: c2."),
+        (cameras(battery=0.05, title="Küche"), Around(), "battery", "empty: Küche."),
         (FINE, Around(free=10_000_000), "disk", "10 MB left"),
         (FINE, SOON, "certificate", "cam0 expires in 3 days, on 2026-11-29: e3pose keys"),
         (FINE, Around(certificates=(("edge", NOW - datetime.timedelta(days=1)),)), "certificate",
          "edge expired on 2026-11-25"),
     ],
-    ids=["overload", "calibration", "camera", "battery", "disk", "certificate soon",
-         "certificate over"],
+    ids=["overload", "calibration", "camera", "battery", "titled battery", "disk",
+         "certificate soon", "certificate over"],
 )  # fmt: skip
 def test_one_thing_is_wrong_and_told(told: Status, around: Around, kind: str, words: str) -> None:
     (found,) = notices(told, SLOT, around, NOW)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import datetime, timezone
 from typing import Any
@@ -15,8 +16,8 @@ from e3pose.site.connect import LiveSlot, Names, called, no_name
 DECIMALS = 4
 
 
-def slot_words(slot: LiveSlot) -> dict[str, Any]:
-    """Return a slot for JSON: known joints by name, metres."""
+def slot_words(slot: LiveSlot, titles: Mapping[str, str]) -> dict[str, Any]:
+    """Return a slot for JSON: known joints by name, metres; cameras with their titles, by id."""
     people = []
     for track, joints_m in zip(slot.people.track_ids.tolist(), slot.people.joints_m, strict=True):
         places = joints_m.astype(np.float64).round(DECIMALS)
@@ -31,6 +32,7 @@ def slot_words(slot: LiveSlot) -> dict[str, Any]:
         "time_ns": slot.time_ns,
         "delay_ms": slot.delay_ms,
         "selected": list(slot.selected),
+        "titles": {camera: titles.get(camera, camera) for camera in slot.selected},
         "people": people,
     }
 

@@ -97,7 +97,7 @@ class FoxgloveStream:
             close: ends it.
         """
         self._limbs, self._log, self._close = source.skeleton.limbs, log, close
-        self._names = source.names
+        self._names, self._titles = source.names, source.titles
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -106,7 +106,8 @@ class FoxgloveStream:
             for track, joints_m in zip(slot.people.track_ids, slot.people.joints_m, strict=True)
         ]
         self._log("/scene", SceneUpdate(entities=entities).encode(), slot.time_ns)
-        self._log("/poses", json.dumps(slot_words(slot)).encode(), slot.time_ns)
+        words = slot_words(slot, self._titles)
+        self._log("/poses", json.dumps(words).encode(), slot.time_ns)
 
     def zone(self, event: ZoneEvent) -> None:
         """See `Stream.zone`."""

@@ -138,6 +138,7 @@ class MqttStream:
     def __init__(self, client: mqtt.Client, source: Source) -> None:
         """Publish with a client that is connected."""
         self._client, self._prefix, self._names = client, f"e3pose/{source.site}", source.names
+        self._titles = source.titles
         self._counts, self._lost = dict[str, int](), 0
         client.on_connect = lambda *_: self._count()
 
@@ -148,7 +149,7 @@ class MqttStream:
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
-        self._client.publish(f"{self._prefix}/poses", json.dumps(slot_words(slot)))
+        self._client.publish(f"{self._prefix}/poses", json.dumps(slot_words(slot, self._titles)))
 
     def zone(self, event: ZoneEvent) -> None:
         """See `Stream.zone`."""

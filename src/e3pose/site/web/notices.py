@@ -67,7 +67,7 @@ def notices(
         found.append(Notice("store", kept))
     found += [Notice("stream", f"{one[0].upper()}{one[1:]}.") for one in around.problems if one]
     running = [one for one in status.cameras if one.online and one.battery is not None]
-    if flat := [one.camera_id for one in running if (one.battery or 0.0) < 0.1]:
+    if flat := [one.title for one in running if (one.battery or 0.0) < 0.1]:
         found.append(Notice("battery", f"Battery almost empty: {_listed(flat)}."))
     for name, until in around.certificates:
         found.append(Notice("certificate", _certificate_words(name, until, now)))
@@ -119,7 +119,7 @@ def surroundings(site: ResolvedSite) -> Surroundings:
 def _gone_words(gone: Sequence[CameraStatus], count: int) -> str:
     if len(gone) == count:
         return "No camera is connected: nobody is seen."
-    reasons = [f"{c.camera_id} ({c.why})" if c.why else c.camera_id for c in gone]
+    reasons = [f"{c.title} ({c.why})" if c.why else c.title for c in gone]
     return f"{plural(len(gone), 'camera')} of {count} gone: {_listed(reasons)}."
 
 

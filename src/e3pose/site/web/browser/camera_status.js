@@ -7,7 +7,7 @@
  * @property {boolean} online whether it can be selected
  * @property {string} why reason if it cannot be selected; otherwise a warning
  * @property {"active"|"aggressive-power-saving"|"asleep"|"power-saving"|"suspended"|null} mode last reported mode; null before the first
- * @property {string} title what people call it; its id if empty
+ * @property {string} title what people call it; by default its id
  * @property {number} duty share of the last minute's slots in which it was selected, blind slots left out
  * @property {number|null} power_w reported power; null if unknown
  * @property {boolean} measured whether the power is measured; otherwise a model estimates it
@@ -42,7 +42,7 @@ export const MEANINGS = {
   "online": "whether it can be selected",
   "why": "reason if it cannot be selected; otherwise a warning",
   "mode": "last reported mode; – before the first",
-  "title": "what people call it; its id if empty",
+  "title": "what people call it; by default its id",
   "duty": "share of the last minute's slots in which it was selected, blind slots left out",
   "power_w": "reported power; – if unknown",
   "measured": "whether the power is measured; otherwise a model estimates it",
