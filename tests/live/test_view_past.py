@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
+import numpy as np
 import pytest
 from tests.site.web.browser import Page, in_browser
 from tests.site.web.test_past import FPS, ZONE, at_ns, store_fall
-from tests.site.web.watched import Watched, watched_site
+from tests.site.web.watched import RIG, Watched, watched_site
 from tests.waiting import eventually
 
+from e3pose.model.people import People
+from e3pose.model.skeleton import SKELETONS
+from e3pose.pipeline import SlotRecord
 from e3pose.store import Event, Run, StoreWriter
 
 pytestmark = in_browser
+HAND, HAND_FROM = SKELETONS["left_hand21"], -20_000  # slots, before the run of the fall
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +34,24 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
                       phase="begun", start_ns=at_ns(325), score=0.9)
             )  # fmt: skip
             assert writer.flush(30.0)
+        store_hand(made.folder / "lab.db")
         yield made
+
+
+def store_hand(place: Path) -> None:
+    """Store a hand alone as track 3 of a run of its own."""
+    flags, zeros = np.ones(3, dtype=bool), np.zeros(3)
+    run = Run("lab", "lab", at_ns(HAND_FROM), 1 / FPS, HAND.name, HAND.joints, RIG.camera_ids)
+    joints_m = np.linspace([0.0, 0.0, 1.0], [0.1, 0.2, 1.2], 21)[None]
+    people = People(np.array([3]), joints_m, sigma_m=np.full((1, 21), 0.01))
+    with StoreWriter(place, run) as writer:
+        for slot in range(20):
+            record = SlotRecord(
+                slot=slot, time_s=slot / FPS, selected=flags, arrived=flags, people=people,
+                occlusion=zeros, deficit=zeros, next_selection=flags,
+            )  # fmt: skip
+            writer.append(record, time_ns=at_ns(HAND_FROM + slot), wait=True)
+        assert writer.flush(30.0)
 
 
 def opened(page: Page, watched: Watched) -> None:
@@ -53,6 +76,22 @@ def test_past_says_what_people_did_and_where(page: Page, watched: Watched) -> No
     upright = ("standing", "walking")
     assert eventually(lambda: any(word in page.text("people").lower() for word in upright))
     assert "fell" not in page.text("happened"), "it did not happen yet"
+    assert page.messages == []
+
+
+def test_past_draws_the_skeleton_of_then(page: Page, watched: Watched) -> None:
+    opened(page, watched)
+    page.of("past", f"void m.seek({at_ns(HAND_FROM + 5) / 1e9}).then(() => m.setPlaying(false))")
+    assert eventually(lambda: page.of("known", "m.known.shown?.people[0]?.track") == 3)
+    assert page.of("known", "m.known.shown.limbs") == [list(limb) for limb in HAND.limbs]
+    lines = (
+        "(() => { let lines = 0; const pen = CanvasRenderingContext2D.prototype, one = pen.lineTo;"
+        "pen.lineTo = function (...to) { lines++; one.apply(this, to); };"
+        "m.scene.touch(); m.scene.draw(); pen.lineTo = one; return lines; })()"
+    )
+    drawn = page.of("stage", lines)
+    page.of("known", "m.known.shown.limbs = []")
+    assert drawn - page.of("stage", lines) == 2 * len(HAND.limbs)  # and their shadows
     assert page.messages == []
 
 

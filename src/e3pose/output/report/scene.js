@@ -24,7 +24,8 @@ const byId = (id) => document.getElementById(id);
 // Draws on a canvas and lets people turn what is drawn.
 //   room: limbs, neck, frustums (of 5 points), cameras (names), low, high, floor; truthLimbs, zones.
 //   what: returns what to draw now: people [{ colour, label, joints, radii, trail }], states (a code
-//     for each camera), truth [joints], inks (LIGHT by default).
+//     for each camera), truth [joints], inks (LIGHT by default), limbs and neck (those of the room
+//     by default).
 // Returns { draw, touch, reset }: draw if something changed, say that something did, look as at first.
 function makeScene(canvas, room, what) {
   const pen = canvas.getContext("2d");
@@ -80,7 +81,7 @@ function makeScene(canvas, room, what) {
     pen.clearRect(0, 0, width, height);
     pen.lineCap = "round";
     project = projector();
-    const shown = what(), lines = [], labels = [];
+    const shown = what(), lines = [], labels = [], { limbs = room.limbs, neck = room.neck } = shown;
     inks = shown.inks || LIGHT;
     const line = (a, b, colour, thick) => {
       if (a && b) lines.push({ a, b, colour, thick, depth: (a[2] + b[2]) / 2 });
@@ -88,13 +89,13 @@ function makeScene(canvas, room, what) {
     drawFloor();
     drawWalls();
     (room.zones || []).forEach((zone) => drawZone(zone, labels));
-    drawShadows(shown.people);
+    drawShadows(shown.people, limbs);
     for (const joints of shown.truth || []) addSkeleton(line, joints, room.truthLimbs, inks.truth, 2);
     drawSureness(shown.people);
     for (const { colour, label, joints, trail } of shown.people) {
       drawTrail(trail || [], colour);
-      const top = addSkeleton(line, joints, room.limbs, colour, 4.5);
-      addNeck(line, joints, colour);
+      const top = addSkeleton(line, joints, limbs, colour, 4.5);
+      addNeck(line, joints, neck, colour);
       if (top) labels.push([top[0], top[1] - 14, label, colour, "600 14px"]);
     }
     room.frustums.forEach((points, camera) => addCamera(line, labels, points, room.cameras[camera], shown.states[camera]));
@@ -171,8 +172,8 @@ function makeScene(canvas, room, what) {
   }
 
   // What a light from above would throw on the floor: shows where somebody stands.
-  function drawShadows(people) {
-    for (const { joints } of people) for (const [i, j] of room.limbs) {
+  function drawShadows(people, limbs) {
+    for (const { joints } of people) for (const [i, j] of limbs) {
       if (joints[3 * i] === null || joints[3 * j] === null) continue;
       const a = project(joints[3 * i], joints[3 * i + 1], room.floor);
       const b = project(joints[3 * j], joints[3 * j + 1], room.floor);
@@ -218,10 +219,10 @@ function makeScene(canvas, room, what) {
   }
 
   // From between the shoulders to the nose, for skeletons that have no neck.
-  function addNeck(line, joints, colour) {
+  function addNeck(line, joints, neck, colour) {
     const at = (joint, axis) => joints[3 * joint + axis];
-    if (!room.neck.length || room.neck.some((joint) => at(joint, 0) === null)) return;
-    const [nose, left, right] = room.neck;
+    if (!neck.length || neck.some((joint) => at(joint, 0) === null)) return;
+    const [nose, left, right] = neck;
     const middle = [0, 1, 2].map((axis) => (at(left, axis) + at(right, axis)) / 2);
     line(project(...middle), project(at(nose, 0), at(nose, 1), at(nose, 2)), colour, 4.5);
   }

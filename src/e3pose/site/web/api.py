@@ -12,6 +12,7 @@ from fastapi.responses import Response
 
 from e3pose.base.errors import InputError
 from e3pose.model.region import in_rectangle, middles_m
+from e3pose.output.report.scene import neck
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.past import doing_in
 from e3pose.site.web.schemas import (
@@ -103,7 +104,9 @@ def make_api(
     def runs() -> list[dict[str, Any]]:
         stored = asked(lambda: needed(store).runs())
         names = ("site", "name", "started_ns", "interval_s", "skeleton", "joints", "cameras")
-        return [{"run": one.run_id} | {n: getattr(one.run, n) for n in names} for one in stored]
+        drawn = [{"limbs": one.run.limbed.limbs, "neck": neck(one.run.limbed)} for one in stored]
+        return [{"run": one.run_id, **how} | {n: getattr(one.run, n) for n in names}
+                for one, how in zip(stored, drawn, strict=True)]  # fmt: skip
 
     @api.get(
         "/{table}", summary="Stored slots, tracks, energy, events and zones", response_model=RowPage

@@ -50,7 +50,7 @@ async function load(from_s, history_s) {
     const names = (flags) => (run ? run.cameras.filter((_, index) => flags[index] === "1") : []);
     const found = people.get(`${row.run_id}.${row.slot}`) || [];
     const slot = prepared({ slot: row.slot, time_ns: row.time_ns, people: found, blind: row.blind }, names(row.selected), names(row.arrived));
-    return Object.assign(slot, { row, cameras: run ? run.cameras : [], run: row.run_id });
+    return Object.assign(slot, { row, cameras: run ? run.cameras : [], run: row.run_id, limbs: run?.limbs, neck: run?.neck });
   });
 }
 
@@ -175,7 +175,7 @@ function storedStatus(slot) {
   return {
     cameras, people: slot.people.length, expected_error_mm: null, lead: null, latency_ms: [null, null],
     fps: seconds > 0 ? (known.history.length - 1) / seconds : null,
-    events: events.map((one) => `${one.camera_id ? `${one.camera_id}: ` : ""}${one.message}`),
+    events: events.map((one) => one.message),
     events_ns: events.map((one) => one.time_ns),
   };
 }

@@ -24,6 +24,7 @@ function toDraw() {
       colour: colourOf(track), label: nameOf(track), joints, radii: switches.sure ? radii : null,
       trail: switches.trails ? (known.trails.get(track) || []).map(([, x, y]) => [x, y]) : [],
     })),
+    limbs: known.shown?.limbs, neck: known.shown?.neck, // of what is stored; else of the site
     states: known.room.cameras.map(cameraState),
     inks: sceneInks(),
   };
