@@ -210,6 +210,7 @@ def test_every_verb_that_acts_says_what_info_knows(
                     ]
                     content = json.dumps({"people": people})
                     (source / camera / f"{slot}_keypoints.json").write_text(content)
+        poses = tmp_path / f"{name}.csv"
         for verb in (
             ("info", folder),
             (
@@ -222,7 +223,8 @@ def test_every_verb_that_acts_says_what_info_knows(
                 "--fps",
                 12,
             ),
-            ("replay", folder),
+            ("replay", folder, "--poses", poses),
+            *([("export", poses, tmp_path / f"{name}.trc")] if name in ("axes", "fine") else []),
             ("calibrate", "check", folder),
         ):
             run(*verb)

@@ -8,12 +8,14 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from cyclopts import Group, Parameter
 
 from e3pose.base.atomic import check_output
 from e3pose.base.errors import MISSING, InputError
 from e3pose.base.quantities import duration_s, plural, shell
-from e3pose.cli.options import Flag, Whole, as_typed
+from e3pose.calibrate.people_3d import People3D, doubt_placed
+from e3pose.cli.options import Flag, Whole, as_typed, warn
 from e3pose.cli.output import wrote
 from e3pose.cli.progress import track_progress
 from e3pose.cli.querying import (
@@ -180,6 +182,8 @@ def export(
     asked = Asked(period.from_, period.to, tuple(track or ()), period.site, period.run, corners)
     with as_typed(OPTIONS, source):
         take = _take(source, dest, asked)
+    if take.motions and (doubt := doubt_placed(_people(take))):
+        warn(f"{source}: {doubt}")
     if smoothing.method is not None or smoothing.fill_s > 0:
         take = smoothed(take, smoothing, track_progress)
     if form.fps is not None:
@@ -189,6 +193,13 @@ def export(
     for path, note in write(take, dest, name, settings):
         wrote(path, note)
     _print_filled(take)
+
+
+def _people(take: Take) -> People3D:
+    joints_m = np.concatenate([motion.joints_m for motion in take.motions])
+    who = np.concatenate([np.full(len(motion), motion.track_id) for motion in take.motions])
+    slots = np.concatenate([motion.first + np.arange(len(motion)) for motion in take.motions])
+    return People3D(joints_m, who, slots, take.skeleton, take.fps)
 
 
 def _write_page(source: str, dest: Path, period: PeriodOptions, smoothing: SmoothSettings) -> None:
