@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from tests.cases import each_case
@@ -16,6 +17,7 @@ from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import COCO17, SKELETONS
 from e3pose.recording import Recording, load_recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
+from e3pose.recording.detections.forms import MAX_FILE_BYTES, SUFFIXES
 from e3pose.recording.detections.importing import (
     ImportSettings,
     frame_numbers,
@@ -250,6 +252,18 @@ def test_forms_of_tools_are_told_by_their_fields(
         assert xy.tolist() == pytest.approx(BODY[joint], abs=1e-6), joint
 
 
+def test_hands_of_mediapipe_are_people_of_21_joints(tmp_path: Path, calibration: Path) -> None:
+    hands = [[{"x": x + i / 100, "y": 0.5, "z": 0.1, "visibility": 0.0} for i in range(21)]
+             for x in (0.1, 0.6)]  # fmt: skip
+    write(tmp_path / "json/cam1/4.json", {"hand_landmarks": hands, "handedness": ["Left", "Right"]})
+    with pytest.raises(InputError, match="expected --skeleton left_hand21 or right_hand21"):
+        import_detections(tmp_path / "json", calibration, 25)
+    settings = ImportSettings(skeleton="left_hand21")
+    view = import_detections(tmp_path / "json", calibration, 25, settings)[0].view(0, 0)
+    assert view is not None and view.scores.tolist() == [[1.0] * 21] * 2
+    assert view.keypoints_px[1, 0].tolist() == pytest.approx([0.6 * 1280, 360])
+
+
 def test_arrays_of_cameras_and_frames_are_read(tmp_path: Path, calibration: Path) -> None:
     array = np.full((2, 3, 33, 3), np.nan)
     array[0, 2], array[1, 0] = person("mediapipe33"), person("mediapipe33")
@@ -263,7 +277,6 @@ def test_arrays_of_cameras_and_frames_are_read(tmp_path: Path, calibration: Path
 
 def deeplabcut_h5(path: Path, names: bytes, values: Any) -> Path:
     """A table as pandas writes it by PyTables."""
-    h5py = pytest.importorskip("h5py")
     rows = np.zeros(
         len(values), dtype=[("index", "<i8"), ("values_block_0", "<f8", len(values[0]))]
     )
@@ -275,7 +288,6 @@ def deeplabcut_h5(path: Path, names: bytes, values: Any) -> Path:
 
 
 def sleap_h5(path: Path, matlab: bool, **more: Any) -> Path:
-    h5py = pytest.importorskip("h5py")
     tracks = np.full((3, 2, 17, 3), np.nan)  # frames, tracks, nodes, x y score
     tracks[1, 0], tracks[2, 1] = person(), person(x=400)
     places, scores = tracks[..., :2], tracks[..., 2]
@@ -321,7 +333,6 @@ class Runs:
 def test_hdf5_that_would_run_or_leave_the_file_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h5py = pytest.importorskip("h5py")
     monkeypatch.chdir(tmp_path)
     calibration, values = rig_of(tmp_path, "cam1", "cam2"), np.zeros((2, 51))
     odd = {
@@ -363,6 +374,32 @@ def test_scores_on_another_scale_are_divided(tmp_path: Path, calibration: Path) 
     settings = ImportSettings(score_scale=2.0)
     view = import_detections(tmp_path / "json", calibration, 25, settings)[0].view(0, 0)
     assert view is not None and view.scores[0, 0] == 0.25
+
+
+def test_one_odd_entry_among_many_costs_that_entry(tmp_path: Path, calibration: Path) -> None:
+    good = [{**RESULT, "image_id": f"cam1/{i}.jpg"} for i in range(20)]
+    flat = np.array(good[0]["keypoints"])
+    shares = [{**one, "keypoints": (flat.reshape(-1, 3) / [1280, 720, 1]).ravel().tolist()}
+              for one in good]  # fmt: skip
+    far, high = [*shares[0]["keypoints"]], flat.tolist()
+    far[3], high[2] = 1e7, 1e6
+    for results, odd, why in (
+        (good, {"keypoints": high}, "score: found 1e+06"),
+        (shares, {"keypoints": far}, "beyond 1e+06 px"),
+        (good, {"image_id": "eve/20.jpg"}, "found 'eve/20.jpg', expected <camera>/<frame>"),
+        (good, {"image_id": "cam1/last.jpg"}, "'last.jpg': found no frame number"),
+        (good, {"image_id": f"cam1/{'1' * 400}.jpg"}, "found no frame number"),
+    ):
+        results = [*results, {**results[0], "image_id": "cam1/20.jpg", **odd}]
+        source = write(tmp_path / "all.json", results)
+        recording, notes = import_detections(source, calibration, 25)
+        assert "left out 1 item" in notes[0] and why in notes[0], notes
+        for slot in range(20):
+            view = recording.view(slot, 0)
+            assert view is not None and view.scores[0, 0] == pytest.approx(0.9)
+            assert view.keypoints_px[0, 0].tolist() == pytest.approx(BODY["nose"])
+        with pytest.raises(InputError, match=re.escape(why)):
+            import_detections(source, calibration, 25, STRICT)
 
 
 def test_shares_of_the_image_are_taken_times_its_size(tmp_path: Path, calibration: Path) -> None:
@@ -439,6 +476,16 @@ def test_frame_numbers_are_checked(tmp_path: Path, names: list[str], message: st
         write(tmp_path / "json/cam1" / name, openpose(person()))
     with pytest.raises(InputError, match=message):
         import_detections(tmp_path / "json", calibration, 25)
+
+
+def test_an_enormous_file_is_refused_unread(tmp_path: Path) -> None:
+    calibration = rig_of(tmp_path, "cam1")
+    for suffix in SUFFIXES:
+        huge = tmp_path / f"cam1{suffix}"
+        with huge.open("wb") as file:
+            file.truncate(MAX_FILE_BYTES + 1)
+        with pytest.raises(InputError, match=re.escape(str(huge))):
+            import_detections(huge, calibration, 25)
 
 
 def test_a_long_file_name_takes_no_time() -> None:
@@ -569,20 +616,21 @@ ODD: tuple[Any, ...] = (
     [None],
     {"keypoints": []},
     "1e5",
+    [0.5] * 5000,
 )
 
 
 def mutated(value: Any, rng: np.random.Generator) -> Any:
-    """A copy with one part missing, doubled, renamed or replaced by something odd."""
+    """A copy with one part missing, doubled, renamed, or replaced by something odd or huge."""
     odd = ODD[int(rng.integers(len(ODD)))]
     if isinstance(value, dict) and value:
         key = list(value)[int(rng.integers(len(value)))]
-        kind = int(rng.integers(6))
-        if kind == 0:
-            return {k: v for k, v in value.items() if k != key}
-        if kind == 1:
-            return {**value, f"{key}_": value[key]}
-        return {**value, key: odd if kind == 2 else mutated(value[key], rng)}
+        kind = int(rng.integers(7))
+        rest = {k: v for k, v in value.items() if k != key}
+        if kind < 3:
+            more = {f"{key}_": value[key]} if kind else {}
+            return {**(rest if kind < 2 else value), **more}
+        return {**value, key: odd if kind == 3 else mutated(value[key], rng)}
     if isinstance(value, list) and value:
         at, kind = int(rng.integers(len(value))), int(rng.integers(6))
         if kind == 0:
@@ -639,8 +687,9 @@ def test_odd_tables_and_arrays_are_read_or_named(tmp_path: Path, form: str) -> N
 
 
 @each_case(
-    "form", ["openpose", "results", "whole", "mmpose", "images", "arrays", "landmarks", "columns"]
-)
+    "form", ["openpose", "results", "whole", "mmpose", "images", "arrays", "landmarks", "columns",
+             "alphapose", "named", "hands"]
+)  # fmt: skip
 def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) -> None:
     content: Any = {
         "openpose": openpose(person(), person()), "results": [RESULT, RESULT], "whole": [WHOLE],
@@ -649,16 +698,20 @@ def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) ->
         "arrays": {"keypoints": [[row[:2] for row in person()]], "scores": [[0.9] * 17]},
         "landmarks": {"people": [{"landmarks": LANDMARKS}]},
         "columns": [{"keypoints": COLUMNS}],
+        "alphapose": [{**RESULT, "image_id": f"{i}.jpg"} for i in (4, 4, 5)],
+        "named": {f"{i}.jpg": {"version": 0.1, **openpose(person())} for i in (4, 5)},
+        "hands": HANDS_AND_FACE,
     }[form]  # fmt: skip
     calibration, rng = rig_of(tmp_path, "cam1", "cam2"), np.random.default_rng(len(form))
     one = form in ("results", "whole", "images")
+    name = "cam1.json" if form in ("alphapose", "named") else "cam1/4.json"
     source = tmp_path / ("all.json" if one else "in")
     read = 0
     for _ in range(60):
         changed = content
         for _ in range(int(rng.integers(1, 4))):
             changed = mutated(changed, rng)
-        write(source if one else source / "cam1" / "4.json", changed)
+        write(source if one else source / name, changed)
         try:
             recording, _ = import_detections(source, calibration, 25)
         except InputError as error:

@@ -31,6 +31,7 @@ KEYPOINTS = (
     "keypoints",
     "landmarks",
     "pose_landmarks",
+    "hand_landmarks",
     "joints",
 )
 MORE = (  # after it, of COCO-WholeBody and OpenPose
@@ -253,7 +254,8 @@ def _person(entry: Mapping[str, Any], where: str) -> Floats:
     if not isinstance(values, list) or not isinstance(scores, list | None):
         raise InputError(f"{where}: found keypoints of {type(values).__name__}, expected a list")
     if _are_points(values) and all(isinstance(value, Mapping) for value in values):  # MediaPipe
-        rows = [[v.get("x"), v.get("y"), v.get("visibility", 1.0)] for v in values]
+        told = any(v.get("visibility") for v in values)  # of hands it is 0 throughout
+        rows = [[v.get("x"), v.get("y"), v.get("visibility", 1) if told else 1] for v in values]
         return clean(_numbers(rows, where), None, where)
     body = _numbers(values, where)
     if body.ndim == 1:

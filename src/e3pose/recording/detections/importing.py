@@ -40,6 +40,9 @@ MAX_NAME = 300
 SHARE = 1.5  # keypoints within it are shares of the image, not pixels
 PAST = 0.5  # shares below its negative are counted from the middle
 PERCENT = 1.5  # scores above it are on another scale than 0 to 1
+# A number so many times beyond the percentile is a broken one, which says nothing of the scale.
+USUAL, FAR_BEYOND = 99, 2.0
+NO_CAMERA = -1
 
 Progress = Callable[[Sequence[Path]], Iterable[Path]]
 People = list[dict[int, tuple[Floats, ...]]]  # per camera, by frame number
@@ -94,8 +97,9 @@ class Reader:
         stack = np.stack([person for person in seen if len(person) == count])
         layout = self._layout(stack, names)
         divide_by = self._score_scale(stack)
-        shares = not np.abs(stack[stack[..., 2] > 0][:, :2]).max(initial=0.0) > SHARE
-        signed = shares and float(stack[stack[..., 2] > 0][:, :2].min(initial=0.0)) < -PAST
+        places = stack[stack[..., 2] > 0][:, :2]
+        shares = not usual_high(np.abs(places)) > SHARE
+        signed = shares and usual_high(-places) > PAST
         if shares:
             what = "shares of the image" + " from -1 to 1" * signed
             self.notes.append(f"keypoints are {what}, taken times its size")
@@ -183,10 +187,10 @@ class Reader:
         entries = [(path, picture) for path, pictures in found for picture in pictures.pictures]
         labels = [path.name if picture.name is None else picture.name for path, picture in entries]
         cameras = self._cameras(camera, entries, labels)
-        for index in {*cameras}:
-            own = [i for i, c in enumerate(cameras) if c == index]
+        for index in {*cameras} - {NO_CAMERA}:
+            own = self._numbered([i for i, c in enumerate(cameras) if c == index], labels)
             texts = [label for i in own if isinstance(label := labels[i], str)]
-            numbers = iter(frame_numbers([PurePosixPath(t.replace("\\", "/")).name for t in texts]))
+            numbers = iter(frame_numbers([*map(_base, texts)]))
             for i in own:
                 label = labels[i]
                 number = next(numbers) if isinstance(label, str) else int(label)
@@ -197,13 +201,31 @@ class Reader:
                     )
                 people[index][number] = entries[i][1].people
 
+    def _numbered(self, own: list[int], labels: Sequence[str | int]) -> list[int]:
+        """Leave out what has no frame number, among others that have one."""
+        odd: dict[int, str] = {}
+        for i in own:
+            if isinstance(label := labels[i], str):
+                try:
+                    frame_number(_base(label))
+                except InputError as error:
+                    odd[i] = str(error)
+        if len(odd) < len(own):
+            for why in odd.values():
+                self._leave_out(f"{self.source}: {why}")
+            own = [i for i in own if i not in odd]
+        return own
+
     def _cameras(
         self,
         camera: int | None,
         entries: Sequence[tuple[Path, Picture]],
         labels: Sequence[str | int],
     ) -> list[int]:
-        """Return the camera of each picture: of its file, its number, or a folder in its name."""
+        """Return the camera of each picture: of its file, its number, or a folder in its name.
+
+        What belongs to none is left out, and has `NO_CAMERA`.
+        """
         if camera is not None:
             return [camera] * len(entries)
         stated = {picture.camera for _, picture in entries if picture.camera is not None}
@@ -221,10 +243,11 @@ class Reader:
                     i for i, n in enumerate(self.rig.camera_ids) if has_word(stem, n.lower())
                 ]
             if len(fitting) != 1:
-                raise InputError(
+                self._leave_out(
                     f"{path}: file name: found {str(label)[:120]!r}, expected <camera>/<frame> "
                     f"with a camera of {', '.join(self.rig.camera_ids)}"
                 )
+                fitting = [NO_CAMERA]
             found += fitting
         return found
 
@@ -273,7 +296,7 @@ class Reader:
         return layout
 
     def _score_scale(self, people: Floats) -> float:
-        scale, highest = self.settings.score_scale, float(people[..., 2].max())
+        scale, highest = self.settings.score_scale, usual_high(people[..., 2])
         if scale is None and highest > PERCENT:
             scale = highest
             self.notes.append(f"scores go up to {highest:.3g}: divided by it (--score-scale)")
@@ -349,6 +372,18 @@ def read_detections(
     if len(reader.rig) < len(rig):
         raise InputError(f"{source}: {reader.notes[0]}")
     return skeleton, frames
+
+
+def _base(label: str) -> str:
+    """Return the file name of a picture without folders."""
+    return PurePosixPath(label.replace("\\", "/")).name
+
+
+def usual_high(values: Floats) -> float:
+    """Return the highest number, but for a few that are far beyond all others; 0 without any."""
+    if not values.size:
+        return 0.0
+    return float(values[values <= FAR_BEYOND * max(np.percentile(values, USUAL), 1.0)].max())
 
 
 def _files(folder: Path) -> list[Path]:

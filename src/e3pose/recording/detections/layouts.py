@@ -141,11 +141,10 @@ def choose_layout(people: Floats, name: str | None, where: str) -> tuple[Layout,
     if name is not None:
         return _named(name, count, fitting), ""
     if not fitting:
-        counts = ", ".join(map(str, COUNTS))
-        raise InputError(
-            f"{where}: found {count} keypoints a person, expected one of {counts}, or --skeleton "
-            "with a TOML file that names them"
-        )
+        parts = [one.name for one in SKELETONS.values() if len(one) == count]
+        wanted = f"one of {', '.join(map(str, COUNTS))}, or " if not parts else ""
+        wanted += f"--skeleton {' or '.join(parts) or 'with a TOML file that names them'}"
+        raise InputError(f"{where}: found {count} keypoints a person, expected {wanted}")
     misfits = _misfits(people, fitting)
     misfit, best = misfits[0][0], fitting[misfits[0][1]]
     sure = len(fitting) == 1 or misfits[1][0] - misfit > SURE
