@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from tests.cases import each_case
+from tests.recording.calibration.test_calibration_formats import CONTENTS
+from tests.recording.detections.test_detections import mutated, mutated_bytes
 
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Rig
@@ -172,7 +176,27 @@ def test_truncated_file_is_refused_or_whole_up_to_there(
     assert refused > 15
 
 
-CONTENTS: dict[str, bytes] = {
+@each_case("form", [*NAMES, *CONTENTS])
+def test_odd_calibrations_are_read_or_named(tmp_path: Path, files: Any, form: str) -> None:
+    rng, read = np.random.default_rng(len(form)), 0
+    path = tmp_path / "rig.yaml" if form in CONTENTS else files.write(form, tmp_path)
+    whole, content = path.read_bytes() if form not in CONTENTS else b"", CONTENTS.get(form)
+    for trial in range(60):
+        if content is None:
+            path.write_bytes(mutated_bytes(whole, rng))
+        else:
+            changed = mutated(mutated(content(files.known), rng), rng)
+            as_yaml = form == "kalibr" or trial % 2
+            text = json.dumps(changed)
+            path.write_text(yaml.safe_dump(json.loads(text)) if as_yaml else text)
+        try:
+            read += len(load_calibration(path).rig) > 0
+        except InputError as error:
+            assert str(tmp_path) in str(error) and "\n" not in str(error) and len(str(error)) < 900
+    assert read > 0
+
+
+WHOLE_FILES: dict[str, bytes] = {
     "empty": b"",
     "blank": b" \n\n",
     "binary": bytes(range(256)) * 20,
@@ -214,11 +238,11 @@ CONTENTS: dict[str, bytes] = {
 
 
 @each_case("forced", [*NAMES, None])
-@each_case("content", CONTENTS)
+@each_case("content", WHOLE_FILES)
 def test_no_content_gets_past_any_reader(tmp_path: Path, content: str, forced: str | None) -> None:
     path = tmp_path / ("intri.yml" if forced == "easymocap" else "rig.any")
-    path.write_bytes(CONTENTS[content])
-    (tmp_path / "extri.yml").write_bytes(CONTENTS[content])
+    path.write_bytes(WHOLE_FILES[content])
+    (tmp_path / "extri.yml").write_bytes(WHOLE_FILES[content])
     refusal(path, forced)
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 from tests.cases import each_case
 from tests.rigs import looking
@@ -280,16 +282,49 @@ def _multical(cameras: Any) -> dict[str, Any]:
     return {"cameras": entries, "camera_poses": poses}
 
 
-@each_case("form", ["list", "table", "multical"])
+def _kalibr(cameras: Any) -> dict[str, Any]:
+    chain, last = {}, np.eye(4)
+    for index, camera in enumerate(cameras):
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = camera.R, camera.t
+        chain[f"cam{index}"] = {
+            **({"T_cn_cnm1": (T @ np.linalg.inv(last)).tolist()} if index else {}),
+            "distortion_coeffs": camera.distortion[:4].tolist(), "distortion_model": "radtan",
+            "intrinsics": camera.K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(),
+            "resolution": list(camera.size),
+        }  # fmt: skip
+        last = T
+    return chain
+
+
+def _voxelpose(cameras: Any) -> dict[str, Any]:
+    return {
+        str(number): {
+            "R": c.R.tolist(), "T": (-1000 * c.R.T @ c.t)[:, None].tolist(),
+            "fx": c.K[0, 0], "fy": c.K[1, 1], "cx": c.K[0, 2], "cy": c.K[1, 2],
+            "k": [[c.distortion[0]], [c.distortion[1]], [c.distortion[4]]],
+            "p": c.distortion[2:4, None].tolist(),
+        }
+        for number, c in enumerate(cameras)
+    }  # fmt: skip
+
+
+# What tools write as JSON or as YAML, which holds it as well.
+CONTENTS: dict[str, Callable[[Any], Any]] = {
+    "list": _rows,
+    "table": lambda cameras: {"cameras": {row["name"]: row for row in _rows(cameras)}},
+    "names": lambda cameras: {"version": 1, **{row["name"]: row for row in _rows(cameras)},
+                              "capture": {"fps": 60}},
+    "multical": _multical,
+    "kalibr": _kalibr,
+    "voxelpose": _voxelpose,
+}  # fmt: skip
+
+
+@each_case("form", ["list", "table", "names", "multical"])
 def test_json_of_named_fields_is_read(tmp_path: Path, files: Any, form: str) -> None:
-    rows = _rows(files.known)
-    content: Any = {
-        "list": rows,
-        "table": {"cameras": {row["name"]: row for row in rows}},
-        "multical": _multical(files.known),
-    }[form]
     path = tmp_path / "rig.json"
-    path.write_text(json.dumps(content, indent=1))
+    path.write_text(json.dumps(CONTENTS[form](files.known), indent=1))
     known = load_calibration(path)
     assert known.format == "opencv" and known.notes == ()
     for camera, wanted in zip(known.rig.cameras, files.known, strict=True):
@@ -300,18 +335,7 @@ def test_json_of_named_fields_is_read(tmp_path: Path, files: Any, form: str) -> 
 
 
 def test_chain_of_kalibr_is_placed_from_its_first_camera(tmp_path: Path, files: Any) -> None:
-    text, last = "", np.eye(4)
-    for index, known in enumerate(files.known):
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = known.R, known.t
-        rows = "".join(f"  - {row}\n" for row in (T @ np.linalg.inv(last)).tolist())
-        text += f"cam{index}:\n" + (f"  T_cn_cnm1:\n{rows}" if index else "")
-        fx, fy, cx, cy = (known.K[i, j] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
-        text += (
-            f"  distortion_coeffs: {known.distortion[:4].tolist()}\n  distortion_model: radtan\n"
-            f"  intrinsics: [{fx}, {fy}, {cx}, {cy}]\n  resolution: {list(known.size)}\n"
-        )
-        last = T
+    text = yaml.safe_dump({**_kalibr(files.known), "imu0": {"rate": 200}})
     path = tmp_path / "camchain.yaml"
     path.write_text(text)
     rig = load_rig(path)
@@ -370,23 +394,18 @@ def test_cameras_without_a_place_are_kept_unplaced(tmp_path: Path, files: Any, f
 
 
 def test_cameras_of_voxelpose_are_read(tmp_path: Path, files: Any) -> None:
-    cameras = {
-        str(number): {
-            "R": c.R.tolist(), "T": (-1000 * c.R.T @ c.t)[:, None].tolist(),
-            "fx": c.K[0, 0], "fy": c.K[1, 1], "cx": c.K[0, 2], "cy": c.K[1, 2],
-            "k": [[c.distortion[0]], [c.distortion[1]], [c.distortion[4]]],
-            "p": c.distortion[2:4, None].tolist(),
-        }
-        for number, c in enumerate(files.known)
-    }  # fmt: skip
     path = tmp_path / "calibration_room.json"
-    path.write_text(json.dumps(cameras))
+    path.write_text(json.dumps({**_voxelpose(files.known), "note": {"by": "hand"}}))
     known = load_calibration(path)
     assert "the file says no image size" in known.notes[0]
     for camera, true in zip(known.rig.cameras, files.known, strict=True):
         np.testing.assert_allclose(camera.R, true.R, atol=1e-12)
         np.testing.assert_allclose(camera.t, true.t, atol=1e-9)
         np.testing.assert_allclose(camera.distortion, true.distortion)
+    sized = {name: {**one, "size": 3} for name, one in _voxelpose(files.known).items()}
+    path.write_text(json.dumps(sized))
+    with pytest.raises(InputError, match="camera 0: size: found numbers of shape"):
+        load_rig(path)
 
 
 def test_names_are_kept_as_titles_beside_safe_ids(tmp_path: Path, files: Any) -> None:

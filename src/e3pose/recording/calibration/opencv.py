@@ -38,6 +38,9 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
     "fisheye": ("fisheye", "fisheye_model"),
     "units": ("units",),
 }  # fmt: skip
+PARTS = {"fx", "extrinsics"}.union(
+    *(FIELDS[key] for key in ("matrix", "distortion", "rotation", "translation"))
+)
 VOXELPOSE = {"R", "T", "fx", "fy", "cx", "cy", "k", "p"}  # T is a centre, in millimetres
 # From Panoptic's world axes to z up: x stays, z becomes y, down becomes minus z.
 WORLD_FROM_PANOPTIC = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -117,20 +120,19 @@ def _entries(
         raise InputError(f"{file}: cameras: found something else, expected a list")
     if "cam0" in cameras and "intrinsics" in fields.table(cameras["cam0"], f"{file}: cam0"):
         return common, [*_kalibr(file, cameras)]
-    if cameras and all(isinstance(e, Mapping) and {*e} >= VOXELPOSE for e in cameras.values()):
+    if cameras is nodes:  # beside cameras there may be tables of others
+        cameras = {n: e for n, e in nodes.items() if isinstance(e, Mapping) and {*e} & PARTS}
+        if not cameras or {*nodes} & PARTS - cameras.keys():
+            return common, [(file.stem, nodes)]
+    if any(isinstance(e, Mapping) and {*e} >= VOXELPOSE for e in cameras.values()):
         return common, [(name, _voxelpose(file, name, e, notes)) for name, e in cameras.items()]
-    if cameras is nodes and not all(isinstance(entry, Mapping) for entry in nodes.values()):
-        return common, [(file.stem, nodes)]
-    matrices = {"data", "rows", "cols", "dt"}  # fields of one camera, not cameras
-    if cameras is nodes and any({*entry} & matrices for entry in nodes.values()):
-        return common, [(file.stem, nodes)]
     return common, list(cameras.items())
 
 
 def _kalibr(file: Path, nodes: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the cameras of Kalibr's chain, each placed against the one before."""
     T_camera_world = np.eye(4)  # the world is the first camera's
-    for name in (f"cam{index}" for index in range(len(nodes))):
+    for name in (f"cam{index}" for index in range(sum(n.startswith("cam") for n in nodes))):
         where = f"{file}: camera {name}"
         camera = fields.table(fields.field(nodes, name, str(file)), where)
         if name != "cam0":
@@ -165,17 +167,16 @@ def _in_parts(where: str, camera: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _voxelpose(
-    file: Path, name: str, camera: Mapping[str, Any], notes: list[str]
-) -> dict[str, Any]:
+def _voxelpose(file: Path, name: str, camera: object, notes: list[str]) -> dict[str, Any]:
     """Return the fields of a camera of VoxelPose, which has no image size."""
     where = f"{file}: camera {name[:80]}"
+    given = fields.table(camera, where)
 
     def numbers(key: str, *shape: int) -> Floats:
-        return fields.numbers(camera[key], [shape], f"{where}: {key}")
+        return fields.numbers(fields.field(given, key, where), [shape], f"{where}: {key}")
 
     k, p, R = numbers("k", 3), numbers("p", 2), numbers("R", 3, 3)
-    size = camera.get("size")
+    size = given.get("size")
     if size is None:
         size = easymocap.guess_size(float(numbers("cx")), float(numbers("cy")), name, notes)
     return {
@@ -183,7 +184,7 @@ def _voxelpose(
         "dist": [*k[:2].tolist(), *p.tolist(), float(k[2])],
         "R": R.tolist(),
         "T": (-R @ numbers("T", 3) / 1000).tolist(),
-        "size": list(size),
+        "size": size,
     }
 
 
