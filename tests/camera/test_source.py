@@ -14,7 +14,7 @@ from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.camera.source import Frame, Video, open_video
-from hostile_videos import film
+from hostile_videos import VIDEOS, film
 
 WIDTH, HEIGHT = 64, 48
 CORNERS = np.array(
@@ -378,6 +378,53 @@ def test_interlaced_film_is_deinterlaced(tmp_path: Path) -> None:
     np.testing.assert_allclose([f.time_s for f in frames], np.arange(12) / 25, atol=1e-6)
     combed = [float(np.abs(np.diff(f.image[..., 1].astype(int), axis=0)).mean()) for f in frames]
     assert max(combed) < 8  # woven: about 30
+
+
+def by_ffmpeg(path: Path) -> dict[int, np.ndarray[Any, Any]]:
+    """Pictures that FFmpeg decodes, by milliseconds from the begin of the file."""
+    found: dict[int, np.ndarray[Any, Any]] = {}
+    with av.open(str(path)) as container:
+        begin_s = (container.start_time or 0) / av.time_base
+        for packet in container.demux(container.streams.video[0]):
+            try:
+                pictures = packet.decode()
+            except av.FFmpegError:
+                continue
+            for picture in pictures:
+                if isinstance(picture, av.VideoFrame) and picture.time is not None:
+                    shown = picture.to_ndarray(format="rgb24")
+                    found.setdefault(round(1000 * (picture.time - begin_s)), shown)
+    return found
+
+
+# What FFmpeg plays and we do not: sizes and times that no film of people has, and what it guesses.
+NOT_PLAYED = {
+    "header of 65535 x 65535", "10^9 frames per second", "one frame in 136 years",
+    "a gap of 11 days", "a gap of 31 years", "turned by 37 degrees", "no key frame",
+    "size that changes",
+}  # fmt: skip
+# What takes seconds to decode.
+LARGE = {"JPEGs of 60000 x 60000", "JPEGs of 20000 x 20000", "JPEGs of 20 000 scans"}
+
+
+@each_case("kind", [kind for kind in VIDEOS if kind not in LARGE])
+def test_hostile_films_show_what_ffmpeg_decodes_at_its_times(tmp_path: Path, kind: str) -> None:
+    name, make = VIDEOS[kind]
+    make(tmp_path / name)
+    try:
+        wanted = by_ffmpeg(tmp_path / name)
+    except (av.FFmpegError, ValueError, IndexError):  # no film
+        wanted = {}
+    try:
+        video = open_video(tmp_path / name, as_stored=True)
+        frames = {round(1000 * frame.time_s): frame.image for frame in video}
+    except InputError:
+        assert not wanted or kind in NOT_PLAYED
+        return
+    assert frames and len(wanted) - len(frames) <= video.lost_frames, (len(wanted), len(frames))
+    for time_ms, image in frames.items():
+        near = min(wanted, key=lambda ms: abs(ms - time_ms))
+        assert abs(near - time_ms) <= 1 and np.array_equal(wanted[near], image), (time_ms, near)
 
 
 def test_gap_that_cannot_be_is_named(tmp_path: Path) -> None:

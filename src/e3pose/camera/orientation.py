@@ -55,7 +55,7 @@ class Orientation:
             return cls(True, bool(c < 0), bool(b < 0))
         raise InputError(
             f"{where}: display matrix: found {a:g} {b:g}, {c:g} {d:g}, "
-            "expected a rotation by a multiple of 90 degrees"
+            "expected a rotation by a multiple of 90 degrees (--as-stored ignores it)"
         )
 
     @classmethod
