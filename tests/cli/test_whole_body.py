@@ -17,6 +17,7 @@ from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.recording import Recording, load_recording
 
 WHOLE, HAND = SKELETONS["coco133"], SKELETONS["left_hand21"]
+SCENE = ["--scene", "ring", "--cameras", "4", "--people", "2", "--seconds", "6", "--seed", "4"]
 FROM = 30  # slots before everybody is known
 MOST_MM = {"core": 60.0, "detail": 80.0}  # median by joint; each is measured below half of it
 
@@ -24,8 +25,7 @@ MOST_MM = {"core": 60.0, "detail": 80.0}  # median by joint; each is measured be
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
-    words = ["--scene", "ring", "--cameras", "4", "--people", "2", "--seconds", "6", "--seed", "4"]
-    assert run("simulate", str(folder / "rec"), *words, "--skeleton", "coco133") == 0
+    assert run("simulate", str(folder / "rec"), *SCENE, "--skeleton", "coco133") == 0
     made = ["--poses", str(folder / "poses.csv"), "--report", str(folder / "page.html")]
     assert run("replay", str(folder / "rec"), "--cameras", "2", *made) == 0
     return folder
@@ -84,32 +84,32 @@ def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
             assert np.nanmax(np.delete(away_mm, WHOLE.core, axis=1)) < 1.0  # others are exact
 
 
-def test_hands_alone_are_imported_followed_and_exported(replayed: Path, tmp_path: Path) -> None:
-    whole = load_recording(replayed / "rec")
-    assert whole.truth is not None
-    columns = [WHOLE.index(joint) for joint in HAND.joints]
-    for camera, name in enumerate(whole.rig.camera_ids):
+def test_hands_alone_are_imported_followed_and_exported(tmp_path: Path) -> None:
+    assert run("simulate", str(tmp_path / "sim"), *SCENE, "--skeleton", HAND.name) == 0
+    made = load_recording(tmp_path / "sim")
+    assert made.truth is not None and made.skeleton == HAND
+    assert run("replay", str(tmp_path / "sim")) == 0  # with figures against its truth
+    for camera, name in enumerate(made.rig.camera_ids):
         frames = []
-        for slot in range(whole.num_slots):
-            view = whole.view(slot, camera)
+        for slot in range(made.num_slots):
+            view = made.view(slot, camera)
             assert view is not None
-            seen = np.dstack([view.keypoints_px, view.scores])[:, columns]
+            seen = np.dstack([view.keypoints_px, view.scores])
             hands = [{"keypoints": np.nan_to_num(each).ravel().tolist()} for each in seen]
             frames.append({"frame_id": slot, "people": [h for h in hands if any(h["keypoints"])]})
         (tmp_path / "in").mkdir(exist_ok=True)
         (tmp_path / "in" / f"{name}.json").write_text(json.dumps({"frames": frames}))
-    rig = ["--calibration", str(replayed / "rec" / "calibration.toml"), "--fps", "25"]
+    rig = ["--calibration", str(tmp_path / "sim" / "calibration.toml"), "--fps", "25"]
     words = ["import", "detections", str(tmp_path / "in"), str(tmp_path / "rec"), *rig]
     assert run(*words) == 2  # which hand it is nobody says
     assert run(*words, "--skeleton", HAND.name) == 0
     table = tmp_path / "hands.csv"
     assert run("replay", str(tmp_path / "rec"), "--cameras", "2", "--poses", str(table)) == 0
     found = shown(table, HAND)
-    true_m = whole.truth.joints_m[:, :, columns]
     errors_m = [
         min((np.linalg.norm(hand - m, axis=-1) for (at, _), m in found.items() if at == slot),
             key=np.nanmedian, default=np.full(21, np.inf))
-        for slot in range(FROM, whole.num_slots) for hand in true_m[slot]
+        for slot in range(FROM, made.num_slots) for hand in made.truth.joints_m[slot]
     ]  # fmt: skip
     middle_mm = 1000 * np.median(errors_m, axis=0)
     assert np.mean(np.median(errors_m, axis=1) < 0.1) > 0.95 and middle_mm.max() < 60.0, middle_mm

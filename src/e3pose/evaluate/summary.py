@@ -194,8 +194,10 @@ def in_skeleton(
 
 
 def _has_root(joints_m: Floats, skeleton: Skeleton) -> NDArray[np.bool_]:
-    """Return `(*batch)`: whether the body centre, or both hips in its stead, is annotated."""
-    names = ("mid_hip",) if "mid_hip" in skeleton.joints else ("left_hip", "right_hip")
+    """Return `(*batch)`: whether the body centre, hips or root in its stead, is annotated."""
+    root = skeleton.joints[skeleton.parents.index(-1)]
+    centres = ("mid_hip",), ("left_hip", "right_hip"), (root,)
+    names = next(each for each in centres if {*each} <= {*skeleton.joints})
     roots = joints_m[..., [skeleton.index(name) for name in names], :]
     return np.asarray(np.isfinite(roots).all(axis=(-1, -2)))
 

@@ -94,12 +94,11 @@ def add_joints(joints_m: Floats, skeleton: Skeleton) -> Floats:
     axes["nose"] = _axes(found["nose"] - found["mid_ear"], found["left_ear"] - found["right_ear"])
     waiting = [index for index, joint in enumerate(skeleton.joints) if joint not in found]
     while waiting:
-        placed = [i for i in waiting if (above := skeleton.parents[i]) >= 0
-                  and skeleton.joints[above] in found]  # fmt: skip
+        placed = [i for i in waiting if _above(i, skeleton) in found]
         if not placed:  # on a root of its own
             raise KeyError(skeleton.joints[waiting[0]])
         for index in placed:
-            parent = skeleton.joints[skeleton.parents[index]]
+            parent = _above(index, skeleton)
             rest_m = np.array(skeleton.rest_m[index] if skeleton.rest_m else (np.nan,) * 3)
             if parent in axes:
                 axes[skeleton.joints[index]] = axes[parent]
@@ -110,6 +109,14 @@ def add_joints(joints_m: Floats, skeleton: Skeleton) -> Floats:
             found[skeleton.joints[index]] = found[parent] + axes[skeleton.joints[index]] @ rest_m
         waiting = [i for i in waiting if i not in placed]
     return np.stack([found[joint] for joint in skeleton.joints], axis=-2)
+
+
+def _above(index: int, skeleton: Skeleton) -> str:
+    """Return what a joint hangs on: of hands and faces alone, their person's wrist and nose."""
+    if skeleton.parents[index] >= 0:
+        return skeleton.joints[skeleton.parents[index]]
+    side = skeleton.joints[index].partition("_")[0]
+    return f"{side}_wrist" if side in SIDES else "nose"
 
 
 def _axes(along: Floats, aside: Floats) -> Floats:
@@ -173,7 +180,7 @@ def _like(joint: str, skeleton: Skeleton) -> tuple[str, ...]:
     if joint in ("top_head", "upper_neck"):
         return MEANS["mid_ear"]
     while joint not in COCO17.joints and joint not in MEANS:
-        joint = skeleton.joints[skeleton.parents[skeleton.index(joint)]]
+        joint = _above(skeleton.index(joint), skeleton)
     return MEANS.get(joint, (joint,))
 
 
