@@ -219,6 +219,7 @@ def test_different_skeletons_are_named(place: Place) -> None:
     with pytest.raises(InputError, match="run 1 has coco17 and run 2 has two"):
         Store(place).query()
     assert len(Store(place).query(joint="nose")) == 2
+    assert len(Store(place).query(STARTED_NS, STARTED_NS + 10**9)) == 2, "of then one alone"
     with pytest.raises(InputError, match="nose, tail"):
         Store(place).query(joint="left_knee")
 

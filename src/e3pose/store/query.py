@@ -120,7 +120,7 @@ class Store:
         """
         with reading(self.place, self._engines) as connection:
             spans = self._spans(connection, start, end, site, run)
-            joints = self._joints(spans, joint)
+            joints = self._joints(connection, spans, joint, track)
             yield stored_poses([], joints, len(joints), None, self.where)
             for span in spans:
                 if after is not None and span.stored.run_id < after[0]:
@@ -232,7 +232,9 @@ class Store:
             spans.append(Span(one, low, high))
         return spans
 
-    def _joints(self, spans: Sequence[Span], joint: str | None) -> tuple[str, ...]:
+    def _joints(
+        self, connection: Connection, spans: Sequence[Span], joint: str | None, track: int | None
+    ) -> tuple[str, ...]:
         if joint is not None:
             for span in spans:
                 if joint not in span.stored.run.joints:
@@ -241,6 +243,9 @@ class Store:
                     raise InputError("joint", repr(joint[:40]), listed)
             return (joint,)
         kinds = {span.stored.run.joints: span.stored for span in spans}
+        if len(kinds) > 1:  # those of which something is asked for
+            there = [span for span in spans if _slot_bounds(connection, span, track)]
+            kinds = {span.stored.run.joints: span.stored for span in there or spans[:1]}
         if len(kinds) > 1:
             named = " and ".join(
                 f"run {one.run_id} has {one.run.skeleton}" for one in list(kinds.values())[:2]
