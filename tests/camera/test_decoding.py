@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import subprocess
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
@@ -21,10 +23,15 @@ from tests.memory_transport import Hub
 from e3pose.base.clock import SlotTimes, WallClock
 from e3pose.camera import decoding
 from e3pose.camera.base import LiveFrame, NodeSettings, OnDemandSource
-from e3pose.camera.live import CameraNode
+from e3pose.camera.live import CameraNode, _Seen
 from e3pose.camera.live_source import StreamSource, make_source
+from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule
 from e3pose.camera.source import VideoSource, open_video
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+from e3pose.wire.codec import decode
+from e3pose.wire.site_messages import Picture
 
 SIZE, FPS, COUNT = (64, 48), 25, 120
 X264 = "libx264"
@@ -350,3 +357,30 @@ def test_frame_of_an_active_slot_is_decoded_before_the_next_and_a_damaged_one_le
     assert said == ["decode 1", "decode 3"]
     seen = node._frames.take()
     assert seen is not None and seen.slot == 3 and node._frames.dropped == 0
+
+
+def test_what_is_held_for_who_asks_for_a_picture_holds_no_decoder_and_no_rgb(
+    tmp_path: Path,
+) -> None:
+    path, clock, converted = write(tmp_path / "film.mp4", X264, {}), WallClock(), list[Any]()
+
+    class Empty:
+        skeleton = COCO17
+
+        def detect(self, image: Any) -> Poses2D:
+            converted.append(weakref.ref(image))
+            return Poses2D.empty(len(COCO17))
+
+    settings, pictures = NodeSettings("lab", "cam0", COCO17.joints), Pictures("cam0", clock)
+    source = make_source(str(path), "cam0", clock)
+    node = CameraNode(settings, source, Empty(), Hub().join(), clock, pictures=pictures)
+    film = opened(path).coded()
+    _, coded = next(film)
+    stream = weakref.ref(coded.stream)
+    assert coded.decode()
+    node._look(_Seen(LiveFrame(0, SIZE, coded, decode=coded.decode), 1, 0, 0, 10**8))
+    film.close()  # type: ignore[attr-defined]
+    gc.collect()
+    assert stream() is None and converted[0]() is None
+    shown = decode(pictures.answer("", b""), Picture, "cam0")  # type: ignore[arg-type]
+    assert shown.image_size == SIZE and shown.jpeg
