@@ -117,13 +117,21 @@ def named(path: str) -> frozenset[str]:
     """Return the files that a file imports, or names as a string."""
     found = set[str]()
     for home, names, module, said in IMPORT.findall(text_of(path)):
-        for name in (home or module or said, *(f"{home}.{one}" for one in WORD.findall(names))):
+        asked, package = {*WORD.findall(names)}, home or module
+        for name in (package or said, *(f"{home}.{one}" for one in asked)):
             found |= files_of(name)
-        lazy = {f"{top}{home.replace('.', '/')}/__init__.py" for top in TOPS} & modules()
-        for package in lazy - {path}:
-            if LAZY.search(text_of(package)):
-                found |= named(package)
+        lazy = {f"{top}{package.replace('.', '/')}/__init__.py" for top in TOPS} & modules()
+        for one in lazy - {path}:
+            if LAZY.search(text_of(one)):
+                found |= homes_of(one, asked)
     return frozenset(found)
+
+
+def homes_of(package: str, asked: set[str]) -> set[str]:
+    """Return the files that have what is asked of a lazy package; without names, of all it has."""
+    homes = IMPORT.findall(text_of(package))
+    chosen = (home for home, names, *_ in homes if not asked or asked & {*WORD.findall(names)})
+    return {file for home in chosen for file in files_of(home)}
 
 
 @cache

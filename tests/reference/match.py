@@ -2,7 +2,7 @@
 
 The epipolar constraint is tested in the world: two keypoints of one joint span two rays, and the
 rays of the same point pass each other closely. Its distance is in metres, so one threshold serves
-near and far people and every camera. `docs/decisions/0001-matching.md` explains the choice.
+near and far people and every camera; the first decision of the docs explains the choice.
 """
 
 from __future__ import annotations
