@@ -8,19 +8,14 @@ prints each part of the house, and with `--rooms` the code of each package of th
 from __future__ import annotations
 
 import ast
-import io
 import re
 import sys
-import tokenize
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("src/e3pose", "hub", "lab", "tests")
-LAYOUT = {
-    *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE),
-    *(tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER),
-}
 MARK = re.compile(r"# tuned:(?:[^\n]*\n\s*#)*[^\n]*")  # of a number that was tuned
 NAME = re.compile(r"[\w.:]+")  # a string that may name a function, as in a table
 NOT_MEASURED = re.compile(r"not\s+(?:#\s*)?measured")
@@ -45,9 +40,8 @@ def measure(root: Path) -> dict[str, int]:
     people = code = 0
     files = texts(root)
     for path, text in files.items():
-        tree = ast.parse(text)
-        code += _code_lines(text, tree)
-        for node in ast.walk(tree):
+        code += _code_lines(text, nodes := [*ast.walk(ast.parse(text))])
+        for node in nodes:
             if isinstance(node, ast.Name):
                 used[node.id] += 1
             elif isinstance(node, ast.Attribute):
@@ -78,12 +72,13 @@ def measure(root: Path) -> dict[str, int]:
     }
 
 
-def _code_lines(text: str, tree: ast.Module) -> int:
-    code: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in LAYOUT:
-            code.update(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(tree):
+def _code_lines(text: str, nodes: Sequence[ast.AST]) -> int:
+    lines = (line.strip() for line in text.split("\n"))
+    code = {number for number, line in enumerate(lines, 1) if line and line[0] != "#"}
+    for node in nodes:
+        if isinstance(node, (ast.Constant, ast.JoinedStr)):  # may have lines that look empty
+            code.update(range(node.lineno, (node.end_lineno or 0) + 1))
+    for node in nodes:
         if not isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
             continue
         if ast.get_docstring(node, clean=False) is not None:

@@ -89,10 +89,15 @@ def imports(path: Path) -> Iterator[str]:
 
 
 @functools.cache
+def statements(text: str) -> list[ast.Import | ast.ImportFrom]:
+    """Return all imports of a text."""
+    return [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Import | ast.ImportFrom)]
+
+
 def all_imports(text: str) -> list[str]:
     """Return all modules that a text imports."""
     found = list[str]()
-    for node in ast.walk(ast.parse(text)):
+    for node in statements(text):
         if isinstance(node, ast.ImportFrom) and node.module:
             found.append(node.module)
         elif isinstance(node, ast.Import):
@@ -214,8 +219,7 @@ def circles(imported: Mapping[str, Iterable[str]]) -> list[set[str]]:
 
 def modules_of(path: Path) -> set[str]:
     """Return the modules of this project that a file imports names or submodules from."""
-    nodes = ast.walk(ast.parse(path.read_text()))
-    found = (named(node) for node in nodes if isinstance(node, ast.Import | ast.ImportFrom))
+    found = (named(node) for node in statements(path.read_text()))
     return {name for names in found for name in names if name.startswith("e3pose")}
 
 

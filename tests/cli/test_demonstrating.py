@@ -49,6 +49,10 @@ def unreachable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("E3POSE_OFFLINE", "1")
 
 
+def measured(workloads: Sequence[object]) -> DetectionTimes:
+    return DetectionTimes(np.full(len(workloads), 0.3), np.full(len(workloads), 0.6))
+
+
 @pytest.fixture
 def ran(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[Program]]:
     """The programs of sites that a demo would have run; a detection takes 0.3 s here."""
@@ -61,9 +65,6 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[Program]]:
         status = status_of(site.file.name, 24, list(site.cameras), None)
         assert not over(None) and not over(replace_slot(status, 3)) and over(status)
         return status
-
-    def measured(workloads: Sequence[object]) -> DetectionTimes:
-        return DetectionTimes(np.full(len(workloads), 0.3), np.full(len(workloads), 0.6))
 
     monkeypatch.setattr(
         demonstrating, "run_shown", lambda *given: shown(*given[:-1], over=given[-1])
@@ -171,6 +172,7 @@ def test_program_that_ends_by_itself_ends_the_demo_with_its_last_words(
         rest[-1](None)
 
     monkeypatch.setattr(demonstrating, "run_shown", shown)
+    monkeypatch.setattr("e3pose.site.detector_speed.time_detections", measured)
     assert run("demo", tmp_path / "demo") == 2
     assert capsys.readouterr().err.endswith("e3pose: cam0: the lens fell off\n")
     assert [path.name for path in tmp_path.iterdir()] == [], "nothing is left"

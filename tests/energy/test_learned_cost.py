@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from tests.cases import each_case
@@ -94,11 +96,16 @@ def test_camera_that_never_changes_stays_modelled(duty: tuple[float, float]) -> 
     assert np.isfinite(cost.active_sigma_j)
 
 
+@cache
+def after_an_hour(noise_w: float) -> LearnedCost:
+    return fed(unlearned(PROFILE), 7200, noise_w=noise_w)
+
+
 @each_case("noise_w", [0.0, 0.2])
 @each_case("times", [0.5, 1.12, 2.0])
 def test_device_that_changes_is_followed_within_minutes(times: float, noise_w: float) -> None:
     """However well its power before was known."""
-    cost = fed(unlearned(PROFILE), 7200, noise_w=noise_w)  # an hour
+    cost = after_an_hour(noise_w)
     active_w, idle_w = times * ACTIVE_W, times * IDLE_W
     cost = fed(cost, 720, active_w=active_w, idle_w=idle_w, noise_w=noise_w, seed=1)
     for _ in range(10):  # six minutes later it is known, and stays so

@@ -127,16 +127,7 @@ def test_commands_compare_a_policy_with_and_without_feedback(
     films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = tmp_path / "rows.json"
-    both: tuple[object, ...] = (
-        "--policies",
-        "all,all+feedback",
-        "--seeds",
-        1,
-        "--jobs",
-        1,
-        "--detector",
-        "drawn",
-    )
+    both = ("--policies", "all,all+feedback", "--seeds", 1, "--jobs", 1, "--detector", "drawn")
     assert run("evaluate", films, *both, "--json", rows) == 0
     assert [row["policy"] for row in json.loads(rows.read_text())["rows"]] == [
         "all", "all+feedback",

@@ -98,16 +98,16 @@ def test_a_fall_is_told_once_of_somebody_whose_number_changes_on_the_floor(later
 
 
 @each_case("kind", ["sit-hard", "kneel", "tie-shoes", "pick-up", "squat", "jump", "crawl"])
-@each_case("seed", range(2))
+@each_case("seed", [0])
 def test_what_is_no_fall_is_not_told(kind: str, seed: int) -> None:
     assert told(seen(doing(kind, seed))) == []
 
 
 def test_a_slow_slide_that_ends_lying_is_a_fall_and_lying_down_as_slowly_is_none() -> None:
-    slides = [told(seen(doing("slide-down", seed))) for seed in range(6)]
-    lies = [told(seen(doing("lie-on-floor", seed))) for seed in range(6)]
-    sits = [told(seen(doing("sit-on-floor", seed))) for seed in range(6)]
-    assert sum(kinds(events)[:1] == ["fall"] for events in slides) >= 4, "the others end upright"
+    slides = [told(seen(doing("slide-down", seed))) for seed in range(4)]
+    lies = [told(seen(doing("lie-on-floor", seed))) for seed in range(4)]
+    sits = [told(seen(doing("sit-on-floor", seed))) for seed in range(4)]
+    assert sum(kinds(events)[:1] == ["fall"] for events in slides) >= 3, "the others end upright"
     assert not any("fall" in kinds(events) for events in (*lies, *sits))
 
 

@@ -19,24 +19,19 @@ from e3pose_hub.accesses import log_accesses, read_accesses
 from e3pose_hub.database import HOUR_NS, MOST_READ, Cursor, keep, open_hub, read_rows
 from e3pose_hub.frames import query
 from e3pose_hub.settings import load_hub
-from simulated_sites import (
-    BEGIN_NS,
-    CAMERAS,
-    records_of,
-    summaries_of,
-)
+from simulated_sites import BEGIN_NS, CAMERAS, records_of, summaries_of
 
 pytestmark = pytest.mark.slow
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "ask-many-sites.md"
 SITES = {"lab": "clinics", "hall": "clinics", "gym": "sports"}
-DAYS = 9
+DAYS = 4
 MINUTES = 1440 * DAYS
 
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make a hub with two weeks of three sites."""
+    """Make a hub with days of two weeks of three sites."""
     folder = tmp_path_factory.mktemp("house")
     lines = ['format = "e3pose-hub"', "version = 1"]
     for at, (site, group) in enumerate(SITES.items()):

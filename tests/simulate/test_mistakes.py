@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ FAULTLESS = DetectorSettings(
 SIDES = {5: 6, 6: 5, 7: 8, 8: 7, 9: 10, 10: 9, 11: 12, 12: 11, 13: 14, 14: 13, 15: 16, 16: 15}
 
 
+@cache
 def record(
     detector: DetectorSettings, people: int = 1, seed: int = 0, scene: str = "ring"
 ) -> Recording:

@@ -26,15 +26,6 @@ def followed() -> Belief:
     return belief
 
 
-def led_by_one_camera(speed_mps: float, since_s: float) -> Belief:
-    """Return a belief of a person whom camera 0 shows, and another one showed `since_s` ago."""
-    belief = followed()
-    state = belief.state.copy()
-    state[..., 3:] = [speed_mps, 0.0, 0.0]
-    last_seen_s = np.array([[0.0, since_s, 9.0, 9.0, 9.0]])
-    return replace(belief, state=state, last_seen_s=last_seen_s)
-
-
 def test_a_track_missed_in_plain_sight_is_hidden_and_found_again_with_the_same_id() -> None:
     miss = {camera: Poses2D.empty(17) for camera in (0, 2)}
     belief, estimates = run([miss] * 2, FPS, belief=followed())

@@ -94,10 +94,7 @@ def spoilt(slots: Slots, rng: np.random.Generator) -> Iterator[Slot]:
         yield damaged, time_s
 
 
-@each_case(
-    ("name", "cameras"),
-    [("ring", 5), ("ring", 1), ("crossing", 2), ("pillar", 3), ("one-sided", 2)],
-)
+@each_case(("name", "cameras"), [("ring", 5), ("ring", 1), ("crossing", 2)])
 def test_equals_the_reference_over_a_whole_scene(name: str, cameras: int) -> None:
     recording = scene(name)
     people, _ = follow(
@@ -119,7 +116,7 @@ def test_equals_the_reference_through_every_kind_of_lens() -> None:
     assert people > recording.num_slots
 
 
-@each_case("seed", range(4))
+@each_case("seed", range(2))
 def test_equals_the_reference_when_all_goes_wrong(seed: int) -> None:
     rng = np.random.default_rng(seed)
     slots = list(spoilt(seen(ring(), int(rng.integers(1, 6)), seed)[:60], rng))
@@ -348,9 +345,7 @@ def test_kernels_of_several_threads_do_not_disturb_each_other() -> None:
             np.testing.assert_array_equal(belief_to_arrays(result)[name], array)
 
 
-def test_a_slot_that_fails_half_way_can_be_computed_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_slot_that_fails_half_way_can_be_computed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     slots, kernel = seen(ring(), 3), StepKernel()
     belief, _ = kernel(model(), Belief.empty(model()), *slots[0])
     belief, _ = kernel(model(), belief, *slots[1])

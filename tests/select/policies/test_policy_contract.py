@@ -112,7 +112,7 @@ def test_keeps_the_budget_in_the_long_run(name: str, budget: float) -> None:
     rng = np.random.default_rng(2)
     policy = POLICIES[name].make(PolicySettings(num_selected=3, quality_weight=5.0))
     online, deficit, active = np.ones(5, dtype=bool), np.zeros(5), np.zeros(5)
-    num_slots = 2000
+    num_slots = 1000
     for slot in range(num_slots):
         now = replace(
             situation(slot, rng, online),
