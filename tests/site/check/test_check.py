@@ -23,7 +23,7 @@ from e3pose.site.check.finding import Finding
 from e3pose.site.check.link import CLOCK_MS, clock_problems, link_problems
 from e3pose.site.check.parts import rig_problems
 from e3pose.site.check.places import place_problems, server_problem, store_problems
-from e3pose.site.check.running import running_problems
+from e3pose.site.check.site import running_problems
 from e3pose.site.check.sources import source_problems
 from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from e3pose import __version__
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
-from e3pose.site.setup import cameras, judging, networks, phoning, settings, solving, walking
+from e3pose.site.setup import cameras, judging, networks, settings, solving, walking
 from e3pose.site.setup.coverage import Coverage
 from e3pose.site.setup.going_live import LiveSite
 from e3pose.site.setup.session import SetupSession
@@ -263,11 +263,11 @@ def _cameras(table: Table) -> APIRouter:
     @api.post("/phones")
     def add_phone(asked: Phone) -> dict[str, Any]:
         table.free()
-        return phoning.add_phone(setup, asked.name)
+        return cameras.add_phone(setup, asked.name)
 
     @api.post("/phones/{camera_id}")
     def show_code(camera_id: str) -> dict[str, Any]:
-        return phoning.show_code(setup, camera_id)
+        return cameras.show_code(setup, camera_id)
 
     @api.get("/cameras/{camera_id}/picture")
     def picture(camera_id: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The step of cameras: find, add, name, turn and remove them.
+"""The step of cameras: find, add, name, turn and remove them; a phone is shown a code to scan.
 
 Possible sources are devices of this machine, films in a folder, typed addresses, and ONVIF cameras
 in the local network by WS-Discovery. One question goes to the multicast address of WS-Discovery
@@ -26,11 +26,13 @@ from e3pose.base.masking import masked
 from e3pose.camera.live_source import STREAMS
 from e3pose.camera.probe import Probe, probe, probe_all
 from e3pose.camera.webcam import check_name, find_devices, lasting
+from e3pose.model.camera_fields import check_camera_id
 from e3pose.settings.limits import Rotation, check_source
 from e3pose.settings.sources import PHONE, is_recorded, place_of, revealed
 from e3pose.simulate import SceneSettings
 from e3pose.simulate import simulate as run
 from e3pose.site.example import make_example
+from e3pose.site.phones import show_phone
 from e3pose.site.setup.onvif import Login, parse, streams_of
 from e3pose.site.setup.plan import ChosenCamera, Plan
 from e3pose.site.setup.session import SetupSession
@@ -38,6 +40,7 @@ from e3pose.site.setup.tasks import Task
 from e3pose.site.simulated_films import FOLDER, write_films
 from e3pose.wire.topics import check_site
 
+PHONES = "phones"  # folder of the files of phones, after the site's name
 SIMULATED = "films"  # folder of the stand-in for cameras, after the site's name
 SIMULATED_S, SIMULATED_FPS, SIMULATED_SIZE = 30.0, 12.5, (640, 480)
 SIMULATED_SEED = 727  # somebody who walks about
@@ -451,3 +454,43 @@ def free_name(source: str, taken: Sequence[ChosenCamera]) -> str:
     if stem and stem[0] not in "-." and stem not in names:
         return stem
     return next(name for i in range(len(names) + 1) if (name := f"cam{i}") not in names)
+
+
+def add_phone(setup: SetupSession, name: str) -> dict[str, Any]:
+    """Add a phone to the plan, and return the code and address to show.
+
+    Raises:
+        InputError: for a name that is none or taken, or while other work has the cameras.
+    """
+    setup.tasks.check_free()
+    setup.chosen_plan()
+    name = check_camera_id(name.strip())
+    path = setup.root / f"{setup.name}-{PHONES}" / f"{name}.toml"
+    if any(camera.id == name for camera in setup.plan().cameras):
+        raise InputError(f"camera {name}", "it already", "another name")
+    shown = _code_of(setup, path)
+    camera = ChosenCamera(name, f"{PHONE}{path}")
+    setup.change(lambda plan: replace(plan, cameras=(*plan.cameras, camera)))
+    return shown
+
+
+def show_code(setup: SetupSession, camera_id: str) -> dict[str, Any]:
+    """Return a new code for a phone that is a camera already; the phone before it is forgotten.
+
+    Raises:
+        InputError: for a camera that is no phone.
+    """
+    source = setup.plan().camera(camera_id).source
+    if not source.startswith(PHONE):
+        raise InputError("camera", repr(camera_id), "one that is a phone")
+    return _code_of(setup, Path(place_of(source) or ""))
+
+
+def _code_of(setup: SetupSession, path: Path) -> dict[str, Any]:
+    keys = setup.site().link.keys if setup.has_site else None
+    shown = show_phone(path, keys)
+    return {
+        "name": path.stem, "url": shown.url, "picture": shown.picture(), "port": shown.port,
+        "fingerprint": shown.fingerprint, "minutes": shown.minutes,
+        "command": f"e3pose phone {setup.shown(path)}",
+    }  # fmt: skip
