@@ -60,15 +60,13 @@ def problems_of(recording: Recording, path: Path, calibration: object = None) ->
     return sorted(found, key=lambda problem: problem.where != "rig")
 
 
-def warn_of_problems(recording: Recording, path: Path, calibration: object = None) -> None:
-    """Warn of what spoils the 3D of a recording, the worst first."""
-    words = [
-        f"{problem.where}: {problem.message}"
-        for problem in problems_of(recording, path, calibration)
-        if problem.kind not in HARMLESS
-    ]
+def warn_of_problems(recording: Recording, path: Path, calibration: object = None) -> list[Problem]:
+    """Warn of what spoils the 3D of a recording, the worst first; return all of `problems_of`."""
+    found = problems_of(recording, path, calibration)
+    words = [f"{one.where}: {one.message}" for one in found if one.kind not in HARMLESS]
     for line in words[:MOST_WARNINGS]:
         warn(f"{path}: {line}")
     if len(words) > MOST_WARNINGS:
         more = plural(len(words) - MOST_WARNINGS, "more problem")
         warn(f"{path}: {more}: e3pose info {shell(path)}")
+    return found

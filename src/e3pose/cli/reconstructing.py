@@ -40,7 +40,7 @@ MAX_BYTES = 2**20
 FILMS = (".mp4", ".mkv", ".mov", ".avi", ".webm", ".m4v", ".mts", ".mpg")
 MAX_TITLE = 120
 # Seconds that steps take, for the bar: of a frame in the network, of a view in a replay, of others.
-DETECT_S, VIEW_S, STEP_S = 0.08, 0.004, 2.0
+DETECT_S, VIEW_S, STEP_S = 0.05, 0.004, 2.0
 SOLVE = """import opensim, sys
 for tool, file in zip(sys.argv[1::2], sys.argv[2::2]):
     getattr(opensim, tool)(file).run()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from cyclopts import Parameter
 
 from e3pose.base.errors import Exit, InputError
@@ -28,7 +29,7 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
-from e3pose.cli.placed import load_placed, problems_of, warn_of_problems
+from e3pose.cli.placed import load_placed, warn_of_problems
 from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
@@ -47,6 +48,7 @@ from e3pose.evaluate.smoothed import (
 )
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
+from e3pose.model.people import People
 from e3pose.output.exports import ExportSettings, export
 from e3pose.output.report import write_report
 from e3pose.recording.problems import HARMLESS
@@ -209,20 +211,20 @@ def replay(
     if outputs.people is not None:
         records, count = keep_people(records, outputs.people)
         left = [f"Left out {plural(count, 'track')} beyond {plural(outputs.people, 'person')}."]
-    warn_of_problems(whole, recording)  # beside the figures; an error before them is one line
+    # Beside the figures; an error before them is one line.
+    problems = warn_of_problems(whole, recording)
     for words in warnings_of(source, main.settings):
         warn(words)
     held_out = joined([judge(judges, records) if judges else None, *said])
     notes = (*left, *([] if main.read_view is None else [main.read_view.summary()]))
     summary = replace(main.summary(records, notes), held_out=held_out)
     if summary.all_looked and not source.truth:
-        rig = [p for p in problems_of(whole, recording) if p.where == "rig"]
-        rig = [one for one in rig if one.kind not in HARMLESS]
+        rig = [one for one in problems if one.where == "rig" and one.kind not in HARMLESS]
         found = (*doubts_of(held_out, len(source.rig)), *(one.message for one in rig))
         summary = replace(summary, reprojection=judge(source, records), doubts=found)
     outputs.write(source, records, summary, notes, store.file(), recording)
     if not any(len(record.people) for record in records):
-        why = sorted(problems_of(whole, recording), key=lambda one: one.kind in HARMLESS)
+        why = sorted(problems, key=lambda one: one.kind in HARMLESS)
         also = f"; e3pose info {shell(recording)} tells more" if len(why) > 1 else ""
         reason = f"{why[0].where}: {why[0].message}" if why else "no two cameras see a person"
         print(f"e3pose: found nobody: {reason}{also}", file=sys.stderr)
@@ -243,7 +245,8 @@ class _Run:
     def records(self, name: str, slots: Iterator[SlotRecord] | None = None) -> list[SlotRecord]:
         """Run it, with progress under a name; `slots` are its own, passed through something."""
         slots = self.slots if slots is None else slots
-        return self.smoother.smoothed(list(track_progress(slots, self.source.num_slots, name)))
+        tracked = track_progress(slots, self.source.num_slots, name)
+        return self.smoother.smoothed([self.smoother.lean(record) for record in tracked])
 
     def summary(self, records: Sequence[SlotRecord], notes: Sequence[str]) -> Summary:
         """Return the figures of its records, with what was said of new looks."""
@@ -300,6 +303,14 @@ class Smoother:
         """Keep what smoothing with the filter's motion model needs of a slot."""
         if (self._lag_slots or self._settings.method == "rts") and estimate.posterior is not None:
             self._posteriors.append(estimate.posterior)
+
+    def lean(self, record: SlotRecord) -> SlotRecord:
+        """Return a record without the poses that smoothing replaces: a gigabyte in an hour."""
+        if self._lag_slots or not len(self._posteriors):
+            return record
+        nowhere_m = np.broadcast_to(np.nan, record.people.joints_m.shape)
+        known = {name: getattr(record.people, name) for name in ("track_ids", "measured")}
+        return replace(record, people=People.unchecked(nowhere_m, record.people.scores, **known))
 
     def smoothed(self, records: list[SlotRecord]) -> list[SlotRecord]:
         """Return the records with smoothed poses."""
