@@ -14,7 +14,7 @@ import numpy as np
 
 from e3pose import Poses2D, ReplaySettings, replay
 from e3pose.estimate import Estimate, Estimator, EstimatorSettings, Outlook, estimator_maker
-from e3pose.predict import Prediction
+from e3pose.predict import Predictor
 from e3pose.simulate import SceneSettings, simulate
 
 SLOTS = 3
@@ -49,9 +49,9 @@ class Smoothed:
         shown_m = np.where(np.isfinite(people.joints_m), mean_m, np.nan)
         return memory, replace(estimate, people=replace(people, joints_m=shown_m))
 
-    def steer(self, memory: Any, prediction: Prediction, interval_s: float) -> Any:
-        """Let a prediction steer the memory."""
-        return self.inner.steer(memory, prediction, interval_s)
+    def steer(self, memory: Any, predictor: Predictor, interval_s: float) -> Any:
+        """Let a predictor steer the memory."""
+        return self.inner.steer(memory, predictor, interval_s)
 
     def leave_out_ids(self, memory: Any, count: int) -> Any:
         """Return the memory with some identities never to be given."""

@@ -358,6 +358,7 @@ def main() -> None:
     parser.add_argument("--measure", nargs=2, type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--cases", help="how columns begin, with commas; all if not given")
     parser.add_argument("--policy", default="round-robin", help="who selects")
+    parser.add_argument("--cameras", help="per slot, with commas, in place of those of each case")
     parser.add_argument("--seeds", type=int, default=3, help="of each scene")
     parser.add_argument("--first-seed", type=int, default=2001)
     parser.add_argument("--rare", action="store_true", help="cases that single terms are there for")
@@ -376,7 +377,12 @@ def main() -> None:
         seeds = range(options.first_seed, options.first_seed + options.seeds)
         names = tuple(options.cases.split(",")) if options.cases else ("",)
         every = rare_cases(shared) if options.rare else cases(shared, seeds, options.judge)
-        made.write_bytes(pickle.dumps([c for c in every if c.name.startswith(names)]))
+        chosen = [case for case in every if case.name.startswith(names)]
+        if options.cameras:
+            counts = tuple(map(float, options.cameras.split(",")))
+            chosen = [replace(case, name=f"{case.name}, C = {c:g}", counts=(c,))
+                      for case in chosen for c in counts]  # fmt: skip
+        made.write_bytes(pickle.dumps(chosen))
     done = options.out.read_text().splitlines() if options.out.exists() else []
     rows = {row["version"]: row for row in map(json.loads, done)}
     for version in (NOW, *options.versions):

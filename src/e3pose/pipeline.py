@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.energy.queues import Queue
-from e3pose.estimate.base import STEER_SLOTS, Estimate, Estimator
+from e3pose.estimate.base import Estimate, Estimator
 from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
 from e3pose.model.look_request import NO_REQUEST, LookRequest
@@ -242,15 +242,13 @@ def _predict(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, F
         prediction of the better predictor, which steers where one does.
     """
     predictor, steering = pipeline.predictor, pipeline.steering
-    both = steering is predictor
-    ahead = max(pipeline.lead_slots, STEER_SLOTS * both)
-    prediction = best = predictor.predict(history_m, pipeline.interval_s, ahead)
+    ahead = history_m, pipeline.interval_s, pipeline.lead_slots
+    prediction = best = predictor.predict(*ahead)
     if steering is not None:
-        if not both:
-            soon = max(STEER_SLOTS, pipeline.lead_slots * (pipeline.feedback is not None))
-            best = steering.predict(history_m, pipeline.interval_s, soon)
-        memory = pipeline.estimator.steer(memory, best, pipeline.interval_s)
-    return memory, prediction.joints_m[pipeline.lead_slots - 1], best
+        if pipeline.feedback is not None and steering is not predictor:
+            best = steering.predict(*ahead)
+        memory = pipeline.estimator.steer(memory, steering, pipeline.interval_s)
+    return memory, prediction.joints_m[-1], best
 
 
 def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 
+from e3pose.base.arrays import Floats
 from e3pose.estimate import ESTIMATORS, EstimatorSettings, estimator_maker
-from e3pose.estimate.base import STEER_SLOTS
-from e3pose.estimate.filter.estimator import Filtered
+from e3pose.estimate.base import STEER_SLOTS, Estimate, History
+from e3pose.estimate.filter.estimator import Filtered, Looks
 from e3pose.estimate.per_slot.fuse import FusionSettings
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, replay
 from e3pose.evaluate.summary import accuracy
@@ -67,6 +68,69 @@ def test_predictors_that_state_no_error_change_nothing() -> None:
     assert error_mm(name, seed, 1, "constant-velocity") == still
 
 
+@dataclass
+class Aside:
+    """Foresees everybody a little aside, and keeps what it was given."""
+
+    error_m: float
+    given: list[tuple[Floats, float, int]] = field(default_factory=list)
+
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+        self.given.append((history_m, interval_s, lead_slots))
+        joints = np.repeat(history_m[-1:] + 0.1, lead_slots, axis=0)
+        return Prediction(joints, np.full(joints.shape[:-1], self.error_m))
+
+
+# Slots with a look after the first six, which all have one; slots apart that histories are then.
+PACES = [("every slot", 1, 0, 1), ("every fourth", 4, 0, 4), ("three of four", 4, 1, 1)]
+
+
+@each_case("case", PACES)
+def test_people_are_foreseen_by_looks_and_not_by_what_the_filter_expected(
+    case: tuple[str, int, int, int],
+) -> None:
+    _, every, without, pace = case
+    recording = scene(*CASES[1])
+    settings = EstimatorSettings(
+        recording.rig, recording.skeleton, INTERVAL_S, 8, FusionSettings(), noise=SIMULATED
+    )
+    estimator, predictor = estimator_maker("memory")(settings), Aside(0.05)
+    memory, shown = estimator.begin(), dict[int, Estimate]()
+    for slot in range(60):
+        looks = slot < 6 or (slot % every == 0) != bool(without)
+        views = {c: recording.view(slot, c) for c in range(len(recording.rig)) if looks}
+        seen = {c: view for c, view in views.items() if view is not None}
+        memory, estimate = estimator.estimate(memory, seen, slot * INTERVAL_S, lambda: 0.0)
+        asked, before = len(predictor.given), memory.belief
+        memory = estimator.steer(memory, predictor, INTERVAL_S)
+        shown[slot] = estimate
+        if slot < 50:
+            continue  # the pace of the first slots counts
+        if pace > 1 and not looks:
+            assert len(predictor.given) == asked and memory.belief is before
+            continue
+        history_m, interval_s, lead_slots = predictor.given[-1]
+        assert interval_s == pytest.approx(pace * INTERVAL_S) and lead_slots == STEER_SLOTS
+        for place, at in enumerate(range(slot - 7 * pace, slot + 1, pace)):
+            before_m = shown[at].history
+            _, found, known = np.intersect1d(
+                estimate.history.track_ids, before_m.track_ids, return_indices=True
+            )
+            assert len(found) > 1
+            expected_m = before_m.joints_m[-1, known]
+            np.testing.assert_allclose(history_m[place, found], expected_m, atol=1e-9)
+
+
+def test_looks_that_are_not_even_are_put_on_equal_steps() -> None:
+    times_s = np.array([-np.inf, 0.1, 0.2, 0.3, 0.7, 1.1])
+    joints_m = np.tile(np.where(times_s > 0, times_s, np.nan)[:, None, None, None], (1, 1, 2, 3))
+    looks = Looks(History(np.zeros(1, dtype=np.int64), joints_m), times_s)
+    assert looks.pace(0.1) == 4  # the median
+    found_m = looks.evenly_m(0.2)[:, 0, 1, 2]
+    np.testing.assert_allclose(found_m, [0.1, 0.3, 0.5, 0.7, 0.9, 1.1])
+    assert np.isnan(looks.evenly_m(0.4)[:, 0, 0, 0]).tolist() == [True] * 3 + [False] * 3
+
+
 @each_case("name", sorted(ESTIMATORS))
 @each_case("error_m", [0.05, np.nan])
 def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
@@ -81,10 +145,8 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
     for slot in range(8):
         views = {c: recording.view(slot, c) for c in range(len(recording.rig))}
         seen: Mapping[int, Poses2D] = {c: view for c, view in views.items() if view is not None}
-        memory, people = estimator.estimate(memory, seen, slot * INTERVAL_S, lambda: 0.0)
-        joints = np.repeat(people.history.joints_m[-1:] + 0.1, STEER_SLOTS, axis=0)
-        prediction = Prediction(joints, np.full(joints.shape[:-1], error_m))
-        steered = estimator.steer(memory, prediction, INTERVAL_S)
+        memory, _ = estimator.estimate(memory, seen, slot * INTERVAL_S, lambda: 0.0)
+        steered = estimator.steer(memory, Aside(error_m), INTERVAL_S)
         before, after = (
             estimator.outlook(memory, INTERVAL_S).expected,
             estimator.outlook(steered, INTERVAL_S).expected,
@@ -107,9 +169,8 @@ def test_nobody_known_is_steered_to_nobody() -> None:
     )
     estimator = estimator_maker("memory")(settings)
     memory, people = estimator.estimate(estimator.begin(), {}, 0.0, lambda: 0.0)
-    nothing = np.zeros((STEER_SLOTS, 0, 17, 3))
     assert people.history.joints_m.shape[1] == 0
-    steered = estimator.steer(memory, Prediction(nothing, nothing[..., 0]), INTERVAL_S)
+    steered = estimator.steer(memory, Aside(0.05), INTERVAL_S)
     assert len(estimator.outlook(steered, INTERVAL_S).expected.track_ids) == 0
 
 

@@ -29,8 +29,8 @@ from e3pose.select.failure_detector import RETRY_LIMIT_S
 # 1 lacks the run, 2 what links lose, 3 exits and noise, 4 shifts, 5 sides; 6 had another unit of V,
 # 7 other names, 8 lacks innovations, 9 has those of the site, 11 lacks failed pairs, 12 agility,
 # 13 has exits, 14 lacks the check, 15 who sleeps, 16 what that costs, 17 a file for each array, 18
-# lacks sharpness, 19 has shifts, 20 other names of the history.
-VERSION = 21
+# lacks sharpness, 19 has shifts, 20 other names of the history, 21 lacks looks.
+VERSION = 22
 MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one
 MAX_ARRAYS = 10_000
 MAX_S = 100 * 365.25 * 86400  # of slots

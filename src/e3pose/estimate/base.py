@@ -13,9 +13,9 @@ from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
-from e3pose.predict.base import Prediction
+from e3pose.predict.base import Predictor
 
-STEER_SLOTS = 2  # how far ahead `Estimator.steer` needs a prediction
+STEER_SLOTS = 2  # how far ahead `Estimator.steer` looks
 
 Memory = TypeVar("Memory")
 
@@ -223,12 +223,12 @@ class Estimator(Protocol[Memory]):
         """
         ...
 
-    def steer(self, memory: Memory, prediction: Prediction, interval_s: float) -> Memory:
+    def steer(self, memory: Memory, predictor: Predictor, interval_s: float) -> Memory:
         """Return the memory steered by a predictor, as far as it supports that.
 
         Args:
             memory: of the newest slot.
-            prediction: from the `Estimate.history` of that slot, `STEER_SLOTS` slots or more.
+            predictor: of people's motion.
             interval_s: seconds per slot.
         """
         ...

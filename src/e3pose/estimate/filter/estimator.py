@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import pairwise
+from math import inf
 
 import numpy as np
 
@@ -27,7 +29,7 @@ from e3pose.estimate.filter.state import Belief, Model, known_of
 from e3pose.estimate.filter.tree import Tree
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
-from e3pose.predict.base import Prediction
+from e3pose.predict.base import Prediction, Predictor
 
 FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, People]]
 
@@ -38,6 +40,53 @@ FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belie
 # tuned: share | simulated, seeds 701 and 702, CMU and Panoptic motion: 0.5 to 0.7 are alike,
 #   lab/experiments/2026-11-22-steering-by-default.md | steering
 GAIN = 0.5
+GAPS = 5  # numerics: between looks, whose median is their pace
+SAME_S = 1e-6  # numerics
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Looks:
+    """Where people were in the last slots in which a camera looked.
+
+    Where few slots have a look, most poses of a history are what the filter expects. A predictor
+    would take that for the motion of people, and the filter would believe it: it would hear itself.
+
+    Attributes:
+        history: of the belief's tracks that the newest look showed.
+        times_s: `(num_looks,)` of the looks; -inf before the first.
+    """
+
+    history: History
+    times_s: Floats
+
+    def after(self, track_ids: Integers, joints_m: Floats, time_s: float) -> Looks:
+        """Return the looks after another one; arguments as of `History.after`."""
+        times_s = np.append(self.times_s[1:], time_s)
+        return Looks(self.history.after(track_ids, joints_m), times_s)
+
+    def pace(self, interval_s: float) -> int:
+        """Return the slots from one look to the next, at least 1."""
+        last = pairwise(self.times_s[-GAPS - 1 :].tolist())
+        known_s = sorted(later - before for before, later in last if 0 < later - before < inf)
+        usual_s = known_s[len(known_s) // 2] if known_s else interval_s
+        return max(round(usual_s / interval_s), 1)
+
+    def evenly_m(self, step_s: float) -> Floats:
+        """Return poses at equal steps up to the newest look, between two looks on a line.
+
+        Returns:
+            `(num_looks, num_tracks, num_joints, 3)` metres, NaN before the first look.
+        """
+        times_s, joints_m = self.times_s, self.history.joints_m
+        at_s = times_s[-1] - step_s * np.arange(len(times_s))[::-1]
+        later = times_s.searchsorted(at_s - SAME_S)
+        before = np.maximum(later - 1, 0)
+        met = times_s[later] - at_s < SAME_S
+        with np.errstate(divide="ignore", invalid="ignore"):  # before the first look
+            share = (at_s - times_s[before]) / (times_s[later] - times_s[before])
+            way_m = share[:, None, None, None] * (joints_m[later] - joints_m[before])
+        found_m = np.where(met[:, None, None, None], joints_m[later], joints_m[before] + way_m)
+        return np.asarray(found_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +97,7 @@ class FilterMemory:
         belief: about everybody.
         identities: which of the belief's tracks are whom, and who left.
         history: of the belief's tracks that the newest slot showed.
+        looks: of cameras.
         factor: that makes the belief's standard deviations those that were reported, on average.
         lasting: how long errors last, by the biases learned.
     """
@@ -55,6 +105,7 @@ class FilterMemory:
     belief: Belief
     identities: Identities
     history: History
+    looks: Looks
     factor: float = 1.0
     lasting: Lasting = field(default_factory=Lasting)
 
@@ -76,7 +127,8 @@ class Filtered:
     def begin(self) -> FilterMemory:
         """See `Estimator.begin`."""
         history = History.empty(self.history_slots, len(self.model.skeleton))
-        return FilterMemory(Belief.empty(self.model), Identities.none(self.model), history)
+        looks = Looks(history, np.full(len(history.joints_m), -inf))
+        return FilterMemory(Belief.empty(self.model), Identities.none(self.model), history, looks)
 
     def estimate(
         self,
@@ -96,7 +148,9 @@ class Filtered:
         passed_s = belief.time_s - memory.belief.time_s
         lasting = memory.lasting.after(grades.share_of_biases(), passed_s)
         grades = grades.grown(AT_ONCE * lasting.excess)
-        history = memory.history.after(shown.track_ids, shown.joints_m)
+        history, looks = memory.history.after(shown.track_ids, shown.joints_m), memory.looks
+        if any(view.unchanged_s <= 0 for view in views.values()):
+            looks = looks.after(shown.track_ids, shown.joints_m, belief.time_s)
         people = replace(shown, track_ids=everybody[rows], full_covariance_m2=grades.stated_m2)
         estimate = Estimate(
             people,
@@ -106,16 +160,21 @@ class Filtered:
             posterior_of(memory.belief, belief, rows, grades, lasting.excess),
         )
         factor = _factor(belief, shown.covariance_m2, grades.stated_m2)
-        return FilterMemory(belief, identities, history, factor, lasting), estimate
+        return FilterMemory(belief, identities, history, looks, factor, lasting), estimate
 
-    def steer(
-        self, memory: FilterMemory, prediction: Prediction, interval_s: float
-    ) -> FilterMemory:
+    def steer(self, memory: FilterMemory, predictor: Predictor, interval_s: float) -> FilterMemory:
         """See `Estimator.steer`; of a predictor that states its errors, which is a learned one."""
-        joints_m, shares = foreseen(self.model, memory.history.joints_m, prediction, interval_s)
-        rows = memory.belief.track_ids.searchsorted(memory.history.track_ids)
-        ahead_s = STEER_SLOTS * interval_s
-        belief = steer(self.model.tree, memory.belief, rows, joints_m, ahead_s, shares)
+        belief, looks, history = memory.belief, memory.looks, memory.history
+        pace = looks.pace(interval_s)
+        if pace > 1 and looks.times_s[-1] != belief.time_s:
+            return memory  # until the next look
+        pace_s = pace * interval_s
+        history_m = history.joints_m if pace == 1 else looks.evenly_m(pace_s)
+        prediction = predictor.predict(history_m, pace_s, STEER_SLOTS)
+        joints_m, shares = foreseen(self.model, history_m, prediction, pace_s)
+        rows, ahead_s = belief.track_ids.searchsorted(history.track_ids), STEER_SLOTS * pace_s
+        gain = 1 - (1 - GAIN) ** pace  # as far as in so many slots
+        belief = steer(self.model.tree, belief, rows, joints_m, ahead_s, shares, gain)
         return replace(memory, belief=belief)
 
     def leave_out_ids(self, memory: FilterMemory, count: int) -> FilterMemory:
@@ -178,8 +237,9 @@ def steer(
     joints_m: Floats,
     ahead_s: float,
     drift_share: Floats | float = 1.0,
+    gain: float = GAIN,
 ) -> Belief:
-    """Return the belief steered half way to a prediction, with less process noise.
+    """Return the belief steered part of the way to a prediction, with less process noise.
 
     Positions and covariances stay: they come from views. The velocity carries the difference
     on into later slots, and views correct it as they correct any velocity.
@@ -192,6 +252,7 @@ def steer(
         ahead_s: in how many seconds.
         drift_share: `(num_steered, num_joints)` of the process noise that is left until the next
             call (`foreseen`), apart from their agility; all of it for joints that are left.
+        gain: the part of the way.
     """
     shares = np.ones_like(belief.drift_share)
     if ahead_s <= 0:
@@ -201,7 +262,7 @@ def steer(
     left[:] = drift_share
     steer_all(
         float(ahead_s),
-        GAIN,
+        gain,
         tree.order,
         tree.parents,
         tree.lasts_s,

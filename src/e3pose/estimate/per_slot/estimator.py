@@ -20,7 +20,7 @@ from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.model.noise import Noise
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
-from e3pose.predict.base import Prediction
+from e3pose.predict.base import Predictor
 
 # tuned: m | simulated scenes | by the truth 91 to 95 % of the joints are in the 90 % band
 JOINT_SIGMA_M = 0.025  # an axis: its 90 % band holds 91 to 95 % of the joints on simulated scenes
@@ -85,7 +85,7 @@ class PerSlot:
         people = People(track_ids, joints_m, scores, placed, sigma_m)
         return tracks, Estimate(people, tracks.history, stage_s)
 
-    def steer(self, memory: Tracks, prediction: Prediction, interval_s: float) -> Tracks:
+    def steer(self, memory: Tracks, predictor: Predictor, interval_s: float) -> Tracks:
         """See `Estimator.steer`; estimates per slot expect no motion."""
         return memory
 
