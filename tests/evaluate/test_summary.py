@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from rich.console import Console
 from tests.cases import each_case
 
@@ -339,6 +340,17 @@ def test_rows_name_slot_track_and_joint(tmp_path: Path) -> None:
     assert [float(rows[0][axis]) for axis in "xyz"] == [1, 2, 3]
     assert float(rows[1]["y"]) == 0.12346
     assert float(rows[0]["score"]) == 0.5
+
+
+def test_a_table_in_parts_is_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    people = People(np.array([1]), np.ones((1, 17, 3)))
+    records = [pose_record(slot, people if slot % 2 else People.empty(17)) for slot in range(6)]
+    for most, name in ((2000, "whole"), (1, "parts")):
+        monkeypatch.setattr("e3pose.evaluate.poses_table.CHUNK", most)
+        write_poses(records, COCO17, tmp_path / f"{name}.parquet")
+    whole, parts = (parquet.ParquetFile(tmp_path / f"{n}.parquet") for n in ("whole", "parts"))
+    assert (whole.num_row_groups, parts.num_row_groups) == (1, 3)
+    assert whole.read().equals(parts.read()) and whole.metadata.num_rows == 3 * 17
 
 
 def test_nobody_is_a_table_without_rows(tmp_path: Path) -> None:
