@@ -270,6 +270,12 @@ def test_arrays_of_cameras_and_frames_are_read(tmp_path: Path, calibration: Path
     np.save(tmp_path / "mediapipe2d.npy", array)
     recording, _ = import_detections(tmp_path / "mediapipe2d.npy", calibration, 25)
     assert counts(recording) == [[0, 0, 1], [1, 0, 0]]
+    (tmp_path / "each").mkdir()
+    for camera, own in zip(("cam1", "cam2"), array, strict=True):
+        np.save(tmp_path / "each" / f"{camera}.npy", own)
+    assert counts(import_detections(tmp_path / "each", calibration, 25)[0]) == counts(recording)
+    with pytest.raises(InputError, match="expected <camera>/<frame>"):  # whose it is nobody says
+        import_detections(tmp_path / "each" / "cam1.npy", calibration, 25)
     np.save(tmp_path / "bad.npy", np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match=r"bad\.npy"):
         import_detections(tmp_path / "bad.npy", calibration, 25)

@@ -456,16 +456,18 @@ def _float(text: str, where: str) -> float:
 
 
 def _arrays(path: Path) -> Pictures:
-    """FreeMoCap's array: cameras x frames x keypoints x 2 or 3."""
+    """FreeMoCap's array: cameras x frames x keypoints x 2 or 3; of one camera without the first."""
     with open_regular(path, MAX_FILE_BYTES) as file:
         try:
             array = read_array(file, path.stat().st_size)
         except BROKEN as error:
             raise InputError(f"{path}: {reason_of(error)[:200]}") from None
-    if array.ndim != 4 or array.shape[-1] not in (2, 3) or array.dtype.kind not in "fiu":
-        wanted = "numbers of cameras x frames x joints x 2"
+    if array.ndim not in (3, 4) or array.shape[-1] not in (2, 3) or array.dtype.kind not in "fiu":
+        wanted = "numbers of cameras x frames x joints x 2, or of frames x joints x 2"
         raise InputError(f"{path}: found {array.dtype} of shape {array.shape}, expected {wanted}")
-    points = array[:, :, None, :, :2].astype(np.float64)  # one person
+    alone = array.ndim == 3
+    points = (array[None] if alone else array)[:, :, None, :, :2].astype(np.float64)  # one person
     cameras = [of_array(camera, range(len(camera))).pictures for camera in points]
-    seen = [replace(p, camera=i) for i, pictures in enumerate(cameras) for p in pictures]
+    seen = [replace(p, camera=None if alone else i) for i, pictures in enumerate(cameras)
+            for p in pictures]  # fmt: skip
     return Pictures(seen, all_named=True)
