@@ -187,6 +187,14 @@ def test_a_person_without_annotation_is_named(scene: Recording) -> None:
     assert (problem.kind, problem.message) == ("no-truth", "bob is annotated in no slot")
 
 
+def test_keypoints_just_outside_the_image_accuse_nobody(scene: Recording) -> None:
+    series = scene.views[1]
+    for px, told in ((4.9, False), (5.1, True)):
+        places = np.where(np.isfinite(series.keypoints_px), -px, np.nan)
+        found = _found(_with_series(scene, 1, replace(series, keypoints_px=places)))
+        assert ("outside-image" in {kind for kind, _ in found}) == told
+
+
 def test_an_empty_recording_says_so_and_nothing_else(scene: Recording) -> None:
     none = ViewSeries.from_views([], [], [], 17)
     empty = replace(scene, num_slots=0, truth=None, views=(none,) * 4)
