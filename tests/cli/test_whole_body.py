@@ -89,6 +89,7 @@ def test_hands_alone_are_imported_followed_and_exported(tmp_path: Path) -> None:
     made = load_recording(tmp_path / "sim")
     assert made.truth is not None and made.skeleton == HAND
     assert run("replay", str(tmp_path / "sim")) == 0  # with figures against its truth
+    assert run("calibrate", "check", str(tmp_path / "sim")) == 0
     for camera, name in enumerate(made.rig.camera_ids):
         frames = []
         for slot in range(made.num_slots):

@@ -44,7 +44,9 @@ class People3D:
     fps: float
 
     def of(self, *names: str) -> Floats:
-        """Return `(num_moments, 3)` the mean of joints by name; NaN where one is not placed."""
+        """Return `(num_moments, 3)` the mean of joints by name; NaN where one is not there."""
+        if not {*names} <= {*self.skeleton.joints}:
+            return np.full((len(self.joints), 3), np.nan)
         columns = [self.skeleton.index(name) for name in names]
         return np.asarray(self.joints[:, columns].mean(axis=1))
 
