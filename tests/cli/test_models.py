@@ -102,13 +102,19 @@ def test_altered_weights_are_not_handed_out(
 
 
 def test_an_address_is_pinned_by_the_first_fetch_and_checked_in_every_process(
-    site: Site, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    site: Site, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     people = np.zeros((1, 6, 56), dtype=np.float32)
     made = write_onnx(tmp_path / "m.onnx", (1, 288, 512, 3), people, kind=6).read_bytes()
     other = write_onnx(tmp_path / "m.onnx", (1, 288, 512, 3), people + 1, kind=6).read_bytes()
 
     def models(*words: str) -> tuple[int, str]:
+        code = run("models", *words)
+        said = capsys.readouterr()
+        return code, said.out + said.err
+
+    def apart(*words: str) -> tuple[int, str]:
         program = [sys.executable, "-m", "e3pose", "models", *words]
         ended = subprocess.run(program, capture_output=True, text=True, timeout=60)
         return ended.returncode, ended.stdout + ended.stderr
@@ -130,10 +136,10 @@ def test_an_address_is_pinned_by_the_first_fetch_and_checked_in_every_process(
     assert code == 0 and path.read_bytes() == made, said
     assert f"good-net: licence apache-2.0, sha256 {sha256(made)}" in said
     assert "runs as movenet-multipose: --model good-net" in said and said.endswith(f"{path}\n")
-    assert models("path", "good-net") == (0, f"{path}\n")
+    assert models("path", "good-net") == apart("path", "good-net") == (0, f"{path}\n")
     assert "installed" in models("list")[1].partition("good-net")[2].partition("\n")[0]
     path.write_bytes(other)  # altered on the disk
-    code, said = models("path", "good-net")
+    code, said = apart("path", "good-net")
     assert code == 2 and "not the published weights of good-net" in said
     path.unlink()
     site.pages[file] = other  # altered at its publisher's
