@@ -1,7 +1,7 @@
 """What changes of the filter and the policy are worth to judges that share nothing with them.
 
     E3POSE_SHARED=... python lab/benchmarks/filter_terms.py 4de5ca09 --out terms.jsonl
-    python lab/benchmarks/filter_terms.py "estimate/filter/agility: RATE = 0.1 => RATE = 0.0"
+    python lab/benchmarks/filter_terms.py "estimate/filter/compare: RATE = 0.1 => RATE = 0.0"
     python lab/benchmarks/filter_terms.py HEAD~3 --policy information --cases pizza,one-sided
 
 Each argument is a version of the package beside the working tree: a commit, or a text of one module

@@ -221,10 +221,32 @@ def test_what_a_kernel_calls_is_a_part_until_python_calls_it() -> None:
     values = np.arange(4.0)
     assert outer(values) == 12 + 12 + 10 + (2 + 4 + 6)
     if forms(double):  # compiled now, not loaded from disk
+        kept = [*double.compiled.overloads.values(), *outer.compiled.overloads.values()]  # type: ignore[attr-defined]
+        assert not any(one.fndesc.calltypes or one.type_annotation for one in kept)
         assert set(forms(double)) == {Part} and set(forms(outer)) == {Whole}
     assert double(values, 3) == 6.0
     assert Whole in forms(double)
     assert outer(values) == 46
+
+
+def test_a_kernel_that_was_loaded_is_compiled_as_a_part_of_a_new_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On disk is its machine code alone, which is no part of anything."""
+    values = np.arange(4.0)
+    double(values, 3)
+    vars(double).pop("compiled")
+    assert double(values, 3) == 6.0
+    (loaded,) = double.compiled.overloads.values()  # type: ignore[attr-defined]
+    assert loaded.metadata is None and len(loaded.library._shared_module.as_bitcode()) < 4000
+    monkeypatch.setattr(KernelCache, "load_overload", lambda *_: None)
+
+    @kernel
+    def quadruple(values: Floats, index: int) -> float:
+        return 2 * double(values, index)
+
+    assert quadruple(values, 3) == 12.0 and double(values, 3) == 6.0
+    assert forms(double) == [Part]
 
 
 def test_an_error_in_a_part_is_raised_as_in_python() -> None:

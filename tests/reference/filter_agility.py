@@ -8,7 +8,7 @@ import numpy as np
 from tests.reference.filter_update import Sightings, pixel_variance
 
 from e3pose.base.arrays import Flags, Integers
-from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE
+from e3pose.estimate.filter.compare import FURTHEST, LASTS_S, RATE
 from e3pose.estimate.filter.outliers import OUTLIER_SIGMAS
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.state import Belief

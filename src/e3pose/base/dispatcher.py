@@ -73,6 +73,16 @@ class Whole(JITCodeLibrary):  # type: ignore[misc]
                     function.linkage = llvm.Linkage.internal  # may lose arguments, or go
         super()._optimize_final_module()
 
+    def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, bytes]]:
+        """Keep machine code, and names alone of what it is made of: reading all takes long."""
+        self._ensure_finalized()
+        names = "".join(
+            f'define void @"{function.name}"() {{ ret void }}\n'
+            for function in self.get_defined_functions()
+        )
+        named = llvm.parse_assembly(f"{self._codegen._create_empty_module(self._name)}\n{names}")
+        return self._name, "object", (self._get_compiled_object(), named.as_bitcode())
+
 
 def _with_parts(libraries: list[Any]) -> Iterator[Any]:
     """Yield libraries and those that parts of them call, each once."""
@@ -116,7 +126,7 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
         kind = Part if self._as_part else Whole
         library = kind(self.targetctx.codegen(), self.py_func.__qualname__)
         library.enable_object_caching()
-        return compile_extra(
+        made = compile_extra(
             self.targetdescr.typing_context,
             self.targetdescr.target_context,
             self.py_func,
@@ -127,6 +137,8 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
             library=library,
             pipeline_class=self._compiler.pipeline_class,
         )
+        made.fndesc.typemap = made.fndesc.calltypes = None  # the whole source with its types
+        return made._replace(type_annotation="")
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Compile as a part: another kernel calls it.
@@ -143,14 +155,16 @@ class KernelDispatcher(CPUDispatcher):  # type: ignore[misc]
 
     def compile(self, sig: Any) -> Any:
         """Compile as a part, or as a whole, and return the entry."""
+        key = tuple(sig)
+        known = self.overloads.get(key)
         if self._as_part:
+            if known is not None and known.metadata is None:
+                del self.overloads[key]  # loaded, with machine code alone
             cache, self._cache = self._cache, NullCache()
             try:
                 return super().compile(sig)
             finally:
                 self._cache = cache
-        key = tuple(sig)
-        known = self.overloads.get(key)
         if known is not None and isinstance(known.entry_point, _NoEntry):
             del self.overloads[key]  # compiled as a part of another one so far
         entry = super().compile(sig)

@@ -14,7 +14,7 @@ from tests.reference.filter_motion import spread
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief
-from e3pose.estimate.filter.agility import FURTHEST, LASTS_S
+from e3pose.estimate.filter.compare import FURTHEST, LASTS_S
 from e3pose.estimate.filter.estimator import steer
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, alone, places
 from e3pose.estimate.filter.tree import Tree, grow
