@@ -15,6 +15,7 @@ from tests.output.exports.test_skeletons import Gltf, read_bvh
 from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.recording import Recording, load_recording
+from e3pose.store import Store
 
 WHOLE, HAND = SKELETONS["coco133"], SKELETONS["left_hand21"]
 SCENE = ["--scene", "ring", "--cameras", "4", "--people", "2", "--seconds", "6", "--seed", "4"]
@@ -27,6 +28,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     assert run("simulate", str(folder / "rec"), *SCENE, "--skeleton", "coco133") == 0
     made = ["--poses", str(folder / "poses.csv"), "--report", str(folder / "page.html")]
+    made += ["--store", str(folder / "store.db")]
     assert run("replay", str(folder / "rec"), "--cameras", "2", *made) == 0
     return folder
 
@@ -69,6 +71,13 @@ def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
     people = {*found}
     assert len({track for _, track in people}) >= 2
     check(np.array([nearest_mm(recording, slot, m) for (slot, _), m in found.items()]))
+
+    stored = Store(replayed / "store.db").query()
+    assert stored.joints == WHOLE.joints
+    keys = zip(stored.slots.tolist(), stored.people.track_ids.tolist(), strict=True)
+    rows = {key: joints_m for key, joints_m in zip(keys, stored.people.joints_m, strict=True)}
+    for key, joints_m in found.items():
+        np.testing.assert_allclose(rows[key], joints_m, atol=1e-4)
 
     for name in ("walk.trc", "walk.c3d", "walk.glb", "walk.bvh", "walk.parquet"):
         wide = ["--layout", "archive"] if name.endswith("parquet") else []
