@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
+import av
 import pytest
 from tests.cli.commands import run
 from tests.simulate.filmed import film
@@ -171,3 +174,28 @@ def test_parts_heights_and_states_are_checked(
     (tmp_path / "reconstruct.toml").write_text('format = "e3pose-reconstruct"\nversion = 2\n')
     assert run("reconstruct", *videos(films), *known) == Exit.REFUSED
     assert "expected format 'e3pose-reconstruct', version 1" in capsys.readouterr().err
+
+
+@pytest.mark.nightly  # three quarters of a minute
+def test_films_without_calibration_that_began_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asks = ("--people", 1, "--cameras", 4, "--seconds", 32, "--fps", 12.5, "--seed", 703)
+    scene = tmp_path / "scene"
+    assert run("simulate", scene, *asks, "--resolution", "640x480", "--videos") == 0
+    late, paths = tmp_path / "cam1.mp4", videos(scene)
+    with av.open(str(paths[1])) as film_in, av.open(str(late), "w") as film_out:
+        stream: Any = film_out.add_stream("mpeg4", Fraction(25, 2), options={"qscale": "2"})
+        stream.width, stream.height = 640, 480
+        for number, frame in enumerate(film_in.decode(video=0)):
+            if number >= 6:
+                frame.pts, frame.time_base = number - 6, Fraction(2, 25)
+                film_out.mux(stream.encode(frame))
+        film_out.mux(stream.encode(None))
+    paths[1] = late
+    assert run("reconstruct", *paths, "--height", "171cm", "--out", tmp_path / "out", *DRAWN) == 0
+    began = re.findall(r"^cam(\d): began at ([+-][\d.]+) s", capsys.readouterr().out, re.MULTILINE)
+    apart_s = {name: float(seconds) for name, seconds in began}
+    assert apart_s.pop("1") - sum(apart_s.values()) / 3 == pytest.approx(0.48, abs=0.08)  # a frame
+    figures = json.loads((tmp_path / "out" / "figures.json").read_text())
+    assert figures["held_out"]["mean"]["median_mm"] < 40 and "doubts" not in figures
