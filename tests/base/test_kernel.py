@@ -223,6 +223,7 @@ def test_what_a_kernel_calls_is_a_part_until_python_calls_it() -> None:
     if forms(double):  # compiled now, not loaded from disk
         kept = [*double.compiled.overloads.values(), *outer.compiled.overloads.values()]  # type: ignore[attr-defined]
         assert not any(one.fndesc.calltypes or one.type_annotation for one in kept)
+        assert all(one.library._final_module is None for one in kept if type(one.library) is Part)
         assert set(forms(double)) == {Part} and set(forms(outer)) == {Whole}
     assert double(values, 3) == 6.0
     assert Whole in forms(double)

@@ -35,13 +35,20 @@ OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 class Part(JITCodeLibrary):  # type: ignore[misc]
     """Code that is linked into a kernel, and neither optimised nor run before."""
 
+    _final_module: Any
+
     def _optimize_functions(self, ll_module: Any) -> None:
         """Leave that to the kernel."""
         ll_module.data_layout = self._codegen._data_layout
 
     def finalize(self) -> None:
-        """End it without machine code."""
+        """End it without machine code, and pack it: LLVM's form takes several times the memory."""
         self._raise_if_finalized()
+        for function in self._final_module.functions:
+            if function.linkage == llvm.Linkage.external and not function.is_declaration:
+                function.linkage = llvm.Linkage.linkonce_odr
+        self._packed = self._final_module.as_bitcode()
+        self._final_module = None
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
@@ -49,11 +56,8 @@ class Part(JITCodeLibrary):  # type: ignore[misc]
         return 0
 
     def _get_module_for_linking(self) -> Any:
-        """Return the code itself where numba would copy it: nobody else has functions of it."""
-        for function in self._final_module.functions:
-            if function.linkage == llvm.Linkage.external and not function.is_declaration:
-                function.linkage = llvm.Linkage.linkonce_odr
-        return self._final_module
+        """Return the code unpacked, which is the caller's."""
+        return llvm.parse_bitcode(self._packed)
 
 
 class Whole(JITCodeLibrary):  # type: ignore[misc]
