@@ -31,11 +31,7 @@ from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.projected import USED_SCORE
 from e3pose.estimate.filter.shown import people_of
 from e3pose.estimate.filter.state import Belief, Leftovers, Model
-from e3pose.estimate.filter.step import (
-    LONGEST_S,
-    bounded,
-    check_slot,
-)
+from e3pose.estimate.filter.step import LONGEST_S, bounded, check_slot
 from e3pose.estimate.filter.unchanged import pace_px
 from e3pose.model.people import People
 from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
@@ -114,10 +110,7 @@ def _sorted(
 
 
 def _stills(
-    belief: Belief,
-    views: Mapping[int, Poses2D],
-    knots_px: Floats,
-    model: Model,
+    belief: Belief, views: Mapping[int, Poses2D], knots_px: Floats, model: Model
 ) -> list[Still]:
     """Return who is seen in the views of unchanged images."""
     found = []

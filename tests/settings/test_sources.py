@@ -123,19 +123,10 @@ def test_url_and_no_state_are_no_places(tmp_path: Path) -> None:
     ("keys", "message"),
     [
         ('state = "a.txt"\n', "state: found 'a.txt', expected a name that ends in .npz"),
-        (
-            'learn = "~nobody-here/x"\n',
-            "learn: found '~nobody-here/x', expected the home",
-        ),
-        (
-            '[link]\nkeys = "a\\u0007"\n',
-            "link.keys: found 'a\\x07', expected the name of",
-        ),
+        ('learn = "~nobody-here/x"\n', "learn: found '~nobody-here/x', expected the home"),
+        ('[link]\nkeys = "a\\u0007"\n', "link.keys: found 'a\\x07', expected the name of"),
         ("[store]\npath = 3\n", "store.path: found a whole number, expected text"),
-        (
-            '[[camera]]\nid = "c0"\nsource = "recorded:"\n',
-            "camera c0.source: found 'rec",
-        ),
+        ('[[camera]]\nid = "c0"\nsource = "recorded:"\n', "camera c0.source: found 'rec"),
     ],
 )
 def test_name_that_is_no_place_is_refused_with_its_key(

@@ -12,14 +12,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.camera import Camera
 from e3pose.recording import Recording
-from e3pose.simulate import (
-    SCENES,
-    DetectorSettings,
-    Guessing,
-    SceneSettings,
-    adjusted,
-    simulate,
-)
+from e3pose.simulate import SCENES, DetectorSettings, Guessing, SceneSettings, adjusted, simulate
 from e3pose.simulate.guesses import OUTPUTS, guess, hidden
 from e3pose.simulate.place import Scene
 from e3pose.simulate.situations import SIZE, draw_fields, situations

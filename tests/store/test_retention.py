@@ -13,15 +13,7 @@ from tests.store.conftest import record, run
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, size_bytes
-from e3pose.store import (
-    EnergyReading,
-    Event,
-    Retention,
-    Run,
-    Store,
-    StoreWriter,
-    WriterSettings,
-)
+from e3pose.store import EnergyReading, Event, Retention, Run, Store, StoreWriter, WriterSettings
 from e3pose.store.retention import BATCH_SLOTS
 from e3pose.store.rows import Row, slot_rows
 from e3pose.store.saver import Delivery

@@ -11,15 +11,7 @@ from pathlib import Path
 
 import pytest
 from tests.cli.commands import refused, run
-from tests.energy.meters.trees import (
-    AGX_ORIN,
-    GENERIC,
-    ORIN_NX,
-    XAVIER_NX,
-    battery,
-    lay_out,
-    rapl,
-)
+from tests.energy.meters.trees import AGX_ORIN, GENERIC, ORIN_NX, XAVIER_NX, battery, lay_out, rapl
 from tests.manual_clock import ManualClock
 
 from e3pose.base.errors import InputError

@@ -7,15 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.cases import each_case
-from tests.energy.meters.trees import (
-    AGX_ORIN,
-    GENERIC,
-    ORIN_NX,
-    XAVIER_NX,
-    hwmon,
-    iio,
-    lay_out,
-)
+from tests.energy.meters.trees import AGX_ORIN, GENERIC, ORIN_NX, XAVIER_NX, hwmon, iio, lay_out
 
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.meters.rails import RailMeter

@@ -8,14 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.cases import each_case
-from tests.estimate.filter.agreement import (
-    KERNEL,
-    Slots,
-    follow,
-    model,
-    ring,
-    seen,
-)
+from tests.estimate.filter.agreement import KERNEL, Slots, follow, model, ring, seen
 
 from e3pose.estimate.filter import Belief
 from e3pose.model.pose import Poses2D

@@ -27,14 +27,7 @@ from e3pose_lab.train.bodies import (
 from e3pose_lab.train.clips import clips_of, gather
 from e3pose_lab.train.smooth import smooth
 from e3pose_lab.train.watched import as_coco17, watched
-from e3pose_lab.train.windows import (
-    Clip,
-    Corruption,
-    Sampler,
-    estimation_noise,
-    spoil,
-    usual_error,
-)
+from e3pose_lab.train.windows import Clip, Corruption, Sampler, estimation_noise, spoil, usual_error
 
 CLEAN = Corruption(exact=1.0, missing=0.0, short=0.0)
 

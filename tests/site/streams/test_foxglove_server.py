@@ -28,12 +28,7 @@ from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.as_json import event_words
 from e3pose.site.streams.base import Stream
 from e3pose.site.streams.foxglove import CHANNELS
-from e3pose.site.streams.foxglove_server import (
-    CLIENTS,
-    CLIENTS_OF_ADDRESS,
-    WAITING,
-    FoxgloveServer,
-)
+from e3pose.site.streams.foxglove_server import CLIENTS, CLIENTS_OF_ADDRESS, WAITING, FoxgloveServer
 
 PROTOCOL = [Subprotocol("foxglove.sdk.v1")]
 
@@ -80,11 +75,7 @@ def test_it_says_what_foxgloves_own_server_says() -> None:
         foxglove.Channel("/zones", message_encoding="json", context=context),
         foxglove.Channel("/events", message_encoding="json", context=context),
     ]
-    with (
-        served() as (_, url),
-        joined(f"ws://127.0.0.1:{own.port}") as theirs,
-        joined(url) as ours,
-    ):
+    with served() as (_, url), joined(f"ws://127.0.0.1:{own.port}") as theirs, joined(url) as ours:
         assert theirs.subprotocol == ours.subprotocol == "foxglove.sdk.v1"
         assert advertised(ours) == advertised(theirs)
     own.stop()
