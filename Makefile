@@ -47,8 +47,10 @@ PYTEST := $(BIN)/python -m pytest -q
 COVERAGE := .coverage-data
 COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
 SITES := --reruns 1 --rerun-show-tracebacks --dist loadfile --no-loadscope-reorder
-# Of what the machine's cores do, a process at 5 gets a third of one at 0.
+# Of what the machine's cores do, a process at 5 gets a third of one at 0; three at 7 get as much as
+# two at 5.
 COMPUTING_NICE ?= 5
+COMPUTING_WORKERS ?= 2
 export RERUNS := $(CURDIR)/.reruns
 # Run tests: the name of their part, what pytest runs under, its options, which marks. `@FILE` has
 # more options. A part may have no tests to run (5) where little differs.
@@ -87,7 +89,7 @@ nightly: check types  ## all that takes long: every test with coverage, types of
 	@$(MAKE) --no-print-directory reproduce-quick
 
 test-computing: $(VENV)/.dev
-	$(call tests,computing,nice -n $(COMPUTING_NICE),-n 2 --dist loadfile --ignore tests/live,not live and not timed)
+	$(call tests,computing,nice -n $(COMPUTING_NICE),-n $(COMPUTING_WORKERS) --dist loadfile --ignore tests/live,not live and not timed)
 
 test-sites: $(VENV)/.dev
 	$(call tests,sites,,$(SITES) -n 3 tests/live,live and not timed)
