@@ -2,9 +2,9 @@
 
     python lab/benchmarks/reconstruct_speed.py CALIBRATION FILM...
 
-Each runs in a process of its own, one after the other: the network with frames that are decoded
-beforehand, one look at a time on all cores, then as many looks at a time as there are cores; then
-the whole. Prints their seconds, the ratio of the whole to each network, what the whole takes of the
+Each runs in a process of its own, one after the other: the whole; the network with frames that are
+decoded beforehand, one look at a time on all cores; and as many looks at a time as there are cores.
+Prints their seconds, the ratio of the whole to each network, what the whole takes of the
 processor, and its peak memory.
 """
 
@@ -39,26 +39,25 @@ print(spent_s, frames)
 
 def main(calibration: str, *films: str) -> None:
     """Measure, and print JSON."""
-    network_s, frames = {}, 0.0
-    for looks in ("one", "many"):
-        words = [sys.executable, "-c", ALONE, looks, *films]
-        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-        network_s[looks], frames = map(float, said.split())
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as folder:
         words = ["reconstruct", *films, "--calibration", calibration, "--out", f"{folder}/r"]
         begun_s = time.perf_counter()
         subprocess.run([sys.executable, "-m", "e3pose", *words], check=True, capture_output=True)
         whole_s = time.perf_counter() - begun_s
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    whole = resource.getrusage(resource.RUSAGE_CHILDREN)  # before there are others
+    processor_s = whole.ru_utime + whole.ru_stime
+    network_s, frames = {}, 0.0
+    for looks in ("one", "many"):
+        words = [sys.executable, "-c", ALONE, looks, *films]
+        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        network_s[looks], frames = map(float, said.split())
     found = {
         "frames": int(frames),
         "network_s": {looks: round(seconds, 1) for looks, seconds in network_s.items()},
         "whole_s": round(whole_s, 1),
         "ratio": {looks: round(whole_s / seconds, 2) for looks, seconds in network_s.items()},
         "processor_s": round(processor_s, 1),
-        "peak_mb": round(after.ru_maxrss / 1024),
+        "peak_mb": round(whole.ru_maxrss / 1024),
     }
     print(json.dumps(found))
 
