@@ -276,6 +276,30 @@ def camera_that_does_not_keep_its_certificate(door: Door) -> None:
     ask_to_join(door.address, door.code(), "cam2", make_key()[1], str)
     door.shut()
     assert read_roll(door.keys).cameras["cam2"] == "cam2#4"
+    add_keys(door.keys, "cam4", NOW, kind="viewer")
+    with pytest.raises(OSError, match="No space left"):
+        ask_to_join(door.address, door.code(), "cam4", make_key()[1], full)
+    door.shut()
+    roll = read_roll(door.keys)
+    assert "cam4" in roll.viewers and "cam4" not in roll.cameras and len(roll.revoked) == 3
+
+
+def certificate_that_comes_too_late(door: Door) -> None:
+    """The try ends while the edge signs: nothing holds the name."""
+    admit = door.joining._admit
+
+    def slowly(name: str, public: bytes) -> dict[str, Any]:
+        time.sleep(1.0)
+        return admit(name, public)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("e3pose.site.joining.TRY_S", 0.5)
+        patch.setattr(door.joining, "_admit", slowly)
+        with pytest.raises(InputError):
+            ask_to_join(door.address, door.code(), "cam2", make_key()[1], str)
+        door.shut()
+    assert eventually(lambda: read_roll(door.keys).revoked == ("cam2#2",))
+    assert read_roll(door.keys).cameras == door.before.cameras
 
 
 def lines_of_other_things(door: Door) -> None:
@@ -284,7 +308,7 @@ def lines_of_other_things(door: Door) -> None:
     whole = hello(code)
     for line in (
         b"\n", b"GET / HTTP/1.1\r\n", b"{}\n", b"[" * 5000 + b"\n", b"\xff\xfe\n", b"null\n",
-        whole.replace(b'"version":1', b'"version":2'), whole.replace(b"}", b',"more":1}'),
+        whole.replace(b'"version":2', b'"version":1'), whole.replace(b"}", b',"more":1}'),
         whole.replace(b"cam2", b"../../cam2"), whole.replace(b"cam2", b"a/b"),
         whole.replace(b"cam2", b"-x"), whole.replace(b'"cam2"', b'""'),
         whole.replace(b'"cam2"', b"2"), whole.replace(b'"pake":"', b'"pake":"AAAA'),
@@ -344,6 +368,7 @@ ATTACKS = (
     wrong_code, second_try_beside_the_first, code_after_two_minutes, many_tries, man_in_the_middle,
     relay_that_changes_a_byte, lines_of_other_things, points_of_no_group, keys_that_are_none,
     name_that_is_taken, idle_connections, camera_that_does_not_keep_its_certificate,
+    certificate_that_comes_too_late,
 )  # fmt: skip
 
 

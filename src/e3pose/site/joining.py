@@ -185,8 +185,14 @@ class Joining:
             writer.write(joining.line_of(sealed=sealed))
             await writer.drain()
 
+        admitted = asyncio.ensure_future(asyncio.to_thread(self._admit, name, public))
         try:
-            said = await asyncio.to_thread(self._admit, name, public)
+            said = await asyncio.shield(admitted)
+        except asyncio.CancelledError:  # the try is over, the thread goes on
+            with suppress(InputError, OSError):
+                await admitted
+                await asyncio.to_thread(revoke_keys, self.site.keys, name, "camera")
+            raise
         except (InputError, OSError) as error:
             problem = one_line(reason_of(error))
             self.said = f"{name} got no certificate: {problem}."
@@ -197,7 +203,7 @@ class Joining:
             kept = joining.read_line(await reader.readline())
             joining.unseal(key, joining.KEPT, kept.sealed)
         except BaseException:  # the camera may have kept nothing: its name is free again
-            await asyncio.to_thread(revoke_keys, self.site.keys, name)
+            await asyncio.to_thread(revoke_keys, self.site.keys, name, "camera")
             raise
         self.joined, self.said = name, f"{name} joined."
         writer.write(joining.line_of())

@@ -215,8 +215,13 @@ def issue(
         ) from None
 
 
-def revoke_keys(folder: Path, name: str) -> Roll:
+def revoke_keys(folder: Path, name: str, kind: Kind | None = None) -> Roll:
     """Revoke the certificate of a camera, viewer, operator, hub or router.
+
+    Args:
+        folder: of the site.
+        name: of the holder.
+        kind: of the holder; None for all that have the name.
 
     Raises:
         InputError: when there is none of that name.
@@ -224,13 +229,14 @@ def revoke_keys(folder: Path, name: str) -> Roll:
     check_camera_id(name)
     with hold(folder / LIST, wait_s=WAIT_S):
         roll = read_roll(folder)
-        lost = [names[name] for names in roll.holders.values() if name in names]
+        asked = {one: names for one, names in roll.holders.items() if kind in (None, one)}
+        lost = [names[name] for names in asked.values() if name in names]
         if not lost:
             known = ", ".join(one for names in roll.holders.values() for one in names) or "nobody"
             raise InputError(f"{folder}: found no certificate of {name}, expected one of: {known}")
         left = {
-            f"{kind}s": {one: given for one, given in names.items() if one != name}
-            for kind, names in roll.holders.items()
+            f"{role}s": {one: given for one, given in names.items() if one != name}
+            for role, names in asked.items()
         }
         roll = replace(roll, **left, revoked=(*roll.revoked, *lost))  # type: ignore[arg-type]
         _write_roll(folder, roll)

@@ -49,7 +49,7 @@ class JoinLine(msgspec.Struct, omit_defaults=True, forbid_unknown_fields=True, k
     """A line between a camera and the edge, or what one of them seals in it.
 
     Attributes:
-        version: 1.
+        version: 2; 1 had no last line.
         name: of the camera, in its first line.
         pake: message of SPAKE2.
         sealed: what only who has the code can read or have written.
@@ -61,7 +61,7 @@ class JoinLine(msgspec.Struct, omit_defaults=True, forbid_unknown_fields=True, k
         certificate: of the camera, PEM.
     """
 
-    version: Literal[1]
+    version: Literal[2]
     name: Annotated[str, Meta(max_length=64)] = ""
     pake: Annotated[bytes, Meta(max_length=33)] = b""
     sealed: Annotated[bytes, Meta(max_length=10_000)] = b""
@@ -87,7 +87,7 @@ def join_port(edge_port: int) -> int:
 
 def line_of(**said: Any) -> bytes:
     """Return a line with some fields of `JoinLine`."""
-    return msgspec.json.encode(JoinLine(version=1, **said)) + b"\n"
+    return msgspec.json.encode(JoinLine(version=2, **said)) + b"\n"
 
 
 def read_line(line: bytes) -> JoinLine:
