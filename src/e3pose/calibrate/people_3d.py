@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
-from e3pose.calibrate.matched_people import Joints, match_people
 from e3pose.calibrate.recordings import first_seconds
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.noise import Noise
 from e3pose.model.skeleton import SIDES, Skeleton
 from e3pose.recording.record import Recording
+
+if TYPE_CHECKING:
+    from e3pose.calibrate.matched_people import Joints
 
 # Shares of stature after Drillis and Contini, as tabulated by Winter: thigh, shank, and from the
 # middle of the hips to that of the shoulders.
@@ -109,6 +112,8 @@ def doubt_people(recording: Recording, noise: Noise) -> str | None:
         recording: of placed cameras, with the keypoints of people.
         noise: what scores promise.
     """
+    from e3pose.calibrate.matched_people import match_people
+
     known = {*recording.skeleton.joints} >= LIMB_ENDS
     if not known or not recording.rig.placed or len(recording.rig) < 2:
         return None

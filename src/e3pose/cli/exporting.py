@@ -183,7 +183,7 @@ def export(
     with as_typed(OPTIONS, source):
         take = _take(source, dest, asked)
     if take.motions and (doubt := doubt_placed(_people(take))):
-        warn(f"{source}: {doubt}")
+        warn(f"{source}: {doubt.replace('CALIBRATION', 'THEIR_CALIBRATION')}")
     if smoothing.method is not None or smoothing.fill_s > 0:
         take = smoothed(take, smoothing, track_progress)
     if form.fps is not None:

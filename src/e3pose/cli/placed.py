@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from e3pose.base.quantities import plural, shell
+from e3pose.calibrate.people_3d import LYING, doubt_people
 from e3pose.camera.provenance import load_provenance
 from e3pose.cli.options import warn
 from e3pose.cli.progress import notice_compiling
@@ -49,8 +50,6 @@ def problems_of(recording: Recording, path: Path, calibration: object = None) ->
         path: of it.
         calibration: the file to mend; that of the recording if None.
     """
-    from e3pose.calibrate.people_3d import LYING, doubt_people
-
     file = path / "calibration.toml" if calibration is None else calibration
     found = find_problems(recording, path, load_provenance(path).rotations, file)
     placed = with_places(recording)
