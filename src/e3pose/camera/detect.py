@@ -24,7 +24,7 @@ from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import Picture, SlotGrid, frames_in_slots
 from e3pose.camera.source import ImageFolder, Source, open_sources
 from e3pose.camera.unfinished import Unfinished
-from e3pose.detectors import Detector, looks_at_a_time
+from e3pose.detectors import Detector, looks_at_a_time, threads_of
 from e3pose.detectors.focus import check_feedback, detect_expected
 from e3pose.model.camera import Rig
 from e3pose.model.expected import ExpectedView
@@ -433,8 +433,10 @@ class _Run:
         begin_s = max(0.0, self.grid.video_time_s(first, offset_s))
         frames = frames_in_slots(source.frames(begin_s), self.grid, offset_s, first)
         detector, times = self.detectors[camera_id], self.times[camera_id]
-        # A look beside others is all on its thread.
-        now_s = time.thread_time if self.at_a_time > 1 else time.process_time
+        alone = self.at_a_time == 1
+        # Beside others, nobody can tell the time of a look that is not all on its thread.
+        counted = alone or threads_of(self.detector) == 1
+        now_s = time.process_time if alone else time.thread_time
 
         def look(found: tuple[int, float, Picture]) -> tuple[int, float, Poses2D, float]:
             begun_s = now_s()
@@ -443,7 +445,8 @@ class _Run:
 
         with times.awake(), self.work.path(camera_id).open("ab", buffering=0) as file:
             for slot, time_s, poses, look_s in in_order(look, frames, self.at_a_time):
-                times.add(look_s)
+                if counted:
+                    times.add(look_s)
                 file.write(encode_view(slot, time_s, poses))
                 self._report(camera_id, slot + 1)
         self.work.mark_done(camera_id, source.damage)

@@ -17,7 +17,10 @@ MAX_IMAGE_SIDE = 16_384  # pixels; larger is a broken header, not a camera
 
 
 class Detector(Protocol):
-    """Finds people in images; `skeleton` is the joint axis of the poses it returns."""
+    """Finds people in images; `skeleton` is the joint axis of the poses it returns.
+
+    One that has `threads`, the CPU threads of a look, may be called from several threads at once.
+    """
 
     skeleton: Skeleton
 
