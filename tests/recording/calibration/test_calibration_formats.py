@@ -334,8 +334,19 @@ def test_json_of_named_fields_is_read(tmp_path: Path, files: Any, form: str) -> 
         np.testing.assert_allclose(camera.distortion, wanted.distortion)
 
 
+def test_a_camera_of_unknown_fields_is_named(tmp_path: Path, files: Any) -> None:
+    first, second, *_ = _rows(files.known)
+    path = tmp_path / "rig.json"
+    path.write_text(
+        json.dumps({"cam7": first, "cam8": {"Kmat": second["K"]}, "capture": {"fps": 60}})
+    )
+    known = load_calibration(path)
+    assert len(known.rig) == 1
+    assert known.notes == (f"{path}: cam8: left out, it has no field of a camera",)
+
+
 def test_chain_of_kalibr_is_placed_from_its_first_camera(tmp_path: Path, files: Any) -> None:
-    text = yaml.safe_dump({**_kalibr(files.known), "imu0": {"rate": 200}})
+    text = yaml.safe_dump({**_kalibr(files.known), "imu0": {"rate": 200}, "camera_info": {}})
     path = tmp_path / "camchain.yaml"
     path.write_text(text)
     rig = load_rig(path)

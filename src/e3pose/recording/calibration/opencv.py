@@ -8,6 +8,7 @@ A camera of JSON with neither rotation nor translation is kept unplaced.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -124,6 +125,10 @@ def _entries(
         cameras = {n: e for n, e in nodes.items() if isinstance(e, Mapping) and {*e} & PARTS}
         if not cameras or {*nodes} & PARTS - cameras.keys():
             return common, [(file.stem, nodes)]
+        named = {name.rstrip("0123456789") for name in cameras}
+        for name in nodes.keys() - cameras.keys():
+            if name.rstrip("0123456789") in named:
+                notes.append(f"{file}: {name[:80]}: left out, it has no field of a camera")
     if any(isinstance(e, Mapping) and {*e} >= VOXELPOSE for e in cameras.values()):
         return common, [(name, _voxelpose(file, name, e, notes)) for name, e in cameras.items()]
     return common, list(cameras.items())
@@ -132,7 +137,8 @@ def _entries(
 def _kalibr(file: Path, nodes: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the cameras of Kalibr's chain, each placed against the one before."""
     T_camera_world = np.eye(4)  # the world is the first camera's
-    for name in (f"cam{index}" for index in range(sum(n.startswith("cam") for n in nodes))):
+    count = sum(re.fullmatch("cam[0-9]+", name) is not None for name in nodes)
+    for name in (f"cam{index}" for index in range(count)):
         where = f"{file}: camera {name}"
         camera = fields.table(fields.field(nodes, name, str(file)), where)
         if name != "cam0":
