@@ -284,7 +284,7 @@ class _Trials:
         last = camera.log.read_text().strip().splitlines()[-1]
         row = self._row(
             "camera started with an expired certificate",
-            f"exit code {code}: {last[-120:]}",
+            f"exit code {code}: {last[max(last.find('expired') - 40, 0) :][:120]}",
             code == 2 and "expired" in last,
             "exit code 2, which says that it has expired",
         )

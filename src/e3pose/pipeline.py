@@ -239,7 +239,7 @@ def _predict(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, F
 
     Returns:
         What it remembers, where the policy's predictor has people in the slot decided, and the
-        prediction of the better predictor, which steers where one does.
+        prediction for feedback. The predictor that steers predicts once more, by other histories.
     """
     predictor, steering = pipeline.predictor, pipeline.steering
     ahead = history_m, pipeline.interval_s, pipeline.lead_slots

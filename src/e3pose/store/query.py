@@ -243,7 +243,7 @@ class Store:
                     raise InputError("joint", repr(joint[:40]), listed)
             return (joint,)
         kinds = {span.stored.run.joints: span.stored for span in spans}
-        if len(kinds) > 1:  # those of which something is asked for
+        if len(kinds) > 1:  # those with slots in the time, or with the track
             there = [span for span in spans if _slot_bounds(connection, span, track)]
             kinds = {span.stored.run.joints: span.stored for span in there or spans[:1]}
         if len(kinds) > 1:

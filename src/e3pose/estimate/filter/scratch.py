@@ -105,7 +105,7 @@ class Columns:
         innovations: `(num_tracks, 2)` sums of the last seconds, in metres: how far keypoints were
             from where they were predicted, and how far was expected (`covariance_inflation`).
         agility: `(num_tracks, num_joints)` logarithm of the factor on the process noise that is
-            left (`filter.agility`).
+            left (`filter.compare`).
         corrected_m: `(num_tracks, num_joints, 3)` by how much the newest look moved each joint.
     """
 
