@@ -135,7 +135,7 @@ def watched_site(
         for slot in range(SLOTS):
             writer.append(record(slot), time_ns=STARTED_NS + round(slot / FPS * 1e9), wait=True)
         writer.energy(EnergyReading(STARTED_NS + 10**9, "c0", 7.5, 1.0, "measured: VDD_IN", 0.75))
-        writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "c2"))
+        writer.event(Event(STARTED_NS + 10**9, "camera-lost", "c2: silent for 2 s", "c2"))
     hub = Hub()
     with open_view(
         resolve_site(folder), "127.0.0.1:0", transport=hub.join(), report=report
