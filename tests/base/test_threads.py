@@ -57,5 +57,5 @@ def test_nothing_more_is_begun_once_nobody_waits() -> None:
     begun: list[int] = []
     found = threads.in_order(begun.append, range(1000), 2)
     next(found)
-    found.close()
+    del found
     assert len(begun) < 10
