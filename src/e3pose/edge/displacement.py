@@ -22,6 +22,7 @@ from e3pose.base.child_process import call_apart
 from e3pose.base.errors import InputError
 from e3pose.base.kernel import INTERPRETING
 from e3pose.base.quantities import shell
+from e3pose.calibrate.people_3d import doubt_people
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.noise import SURE_SCORE, Noise
 from e3pose.model.people import People
@@ -297,8 +298,6 @@ class WorldCheck:
 
 
 def _doubt(recent: Recording, noise: Noise) -> str:
-    from e3pose.calibrate.people_3d import doubt_people
-
     return doubt_people(recent, noise) or ""
 
 
