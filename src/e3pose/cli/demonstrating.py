@@ -30,6 +30,7 @@ from e3pose.evaluate.poses_table import write_poses
 from e3pose.evaluate.replay import replay
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
+from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report import write_report
 from e3pose.output.report.overlay import overlay_images, write_movie
 from e3pose.recording import Recording, load_recording, save_recording
@@ -97,8 +98,13 @@ def demo(
     check_free(dest, overwrite, (ABOUT,))
     with atomic_folder(dest, overwrite, (ABOUT,)) as folder:
         recording, detector = _recorded(folder / "recording", offline)
+        # First, for a first replay compiles: the films would be over before the edge has.
+        settings = ReplaySettings(num_selected=CAMERAS, foresees=True).for_rig(len(recording.rig))
+        records = _replayed(recording, settings, "replay of two cameras")
+        everything = ReplaySettings(policy="all").for_rig(len(recording.rig))
+        every = _replayed(recording, everything, "replay of all cameras")
         status = _live(folder / "site", recording, detector)
-        _replayed(recording, folder, status)
+        _write(recording, settings, records, every, folder, status)
         where = [f"  {name}: {what}" for name, what in FILES.items()]
         (folder / ABOUT).write_text("\n".join(["Output of e3pose demo", "", *where, ""]))
     print(f"Finished in {time.monotonic() - begun_s:.0f} s. Wrote:")
@@ -182,13 +188,20 @@ def _live(folder: Path, recording: Recording, detector: str) -> Status | None:
     return run_shown(site, programs, logs, Console(), over)
 
 
-def _replayed(recording: Recording, folder: Path, status: Status | None) -> None:
-    """Replay the recording; write its poses, figures, report page and pictures."""
+def _replayed(recording: Recording, settings: ReplaySettings, label: str) -> list[SlotRecord]:
+    return list(track_progress(replay(recording, settings), recording.num_slots, label))
+
+
+def _write(
+    recording: Recording,
+    settings: ReplaySettings,
+    records: list[SlotRecord],
+    every: list[SlotRecord],
+    folder: Path,
+    status: Status | None,
+) -> None:
+    """Write the poses, figures, report page and pictures of replays of two and of all cameras."""
     plan = resolve_site(folder / "site").plan
-    settings = ReplaySettings(num_selected=CAMERAS, foresees=True).for_rig(len(recording.rig))
-    slots = replay(recording, settings)
-    records = list(track_progress(slots, recording.num_slots, "replay"))
-    every = list(replay(recording, ReplaySettings(policy="all").for_rig(len(recording.rig))))
     summary = summarise(
         recording,
         settings,
