@@ -230,6 +230,7 @@ def test_every_verb_that_acts_says_what_info_knows(
             run(*verb)
             said = " ".join("".join(capsys.readouterr()).split())
             assert words in said, (name, verb, said)
+            assert "align CALIBRATION" not in said, verb
             if not words:
                 wrong = "people would|lie outside|off where most|along world z"
                 assert not re.search(wrong, said), (verb, said)

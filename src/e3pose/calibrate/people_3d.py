@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import shell
 from e3pose.calibrate.recordings import first_seconds
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
@@ -101,7 +102,7 @@ LYING = "people would lie"
 LIMB_ENDS = {f"{side}_{joint}" for side in SIDES for joint in ("shoulder", "hip", "knee", "ankle")}
 
 
-def doubt_people(recording: Recording, noise: Noise) -> str | None:
+def doubt_people(recording: Recording, noise: Noise, file: object = "CALIBRATION") -> str | None:
     """Return why people cannot be right in the world of a recording's rig; empty if they can.
 
     None where too little is seen of them.
@@ -111,6 +112,7 @@ def doubt_people(recording: Recording, noise: Noise) -> str | None:
     Args:
         recording: of placed cameras, with the keypoints of people.
         noise: what scores promise.
+        file: the calibration, for the command that mends it.
     """
     from e3pose.calibrate.matched_people import match_people
 
@@ -119,10 +121,10 @@ def doubt_people(recording: Recording, noise: Noise) -> str | None:
         return None
     used = first_seconds(recording, CHECKED_S)
     joints = match_people(used, noise, used.rig)
-    return doubt_placed(place_people(used.rig, joints, used.skeleton, used.fps))
+    return doubt_placed(place_people(used.rig, joints, used.skeleton, used.fps), file)
 
 
-def doubt_placed(people: People3D) -> str | None:
+def doubt_placed(people: People3D, file: object) -> str | None:
     """Return the same of people in a world."""
     if not {*people.skeleton.joints} >= LIMB_ENDS:
         return None
@@ -147,7 +149,7 @@ def doubt_placed(people: People3D) -> str | None:
     name = ("-" if up[axis] < 0 else "") + "xyz"[axis]
     return (
         f"{LYING}: their up is along {name}, expected z: e3pose calibrate align "
-        f"CALIBRATION fixed.toml --up={name}"
+        f"{shell(file)} fixed.toml --up={name}"
     )
 
 

@@ -182,8 +182,8 @@ def export(
     asked = Asked(period.from_, period.to, tuple(track or ()), period.site, period.run, corners)
     with as_typed(OPTIONS, source):
         take = _take(source, dest, asked)
-    if take.motions and (doubt := doubt_placed(_people(take))):
-        warn(f"{source}: {doubt.replace('CALIBRATION', 'THEIR_CALIBRATION')}")
+    if take.motions and (doubt := doubt_placed(_people(take), "THEIR_CALIBRATION")):
+        warn(f"{source}: {doubt}")
     if smoothing.method is not None or smoothing.fill_s > 0:
         take = smoothed(take, smoothing, track_progress)
     if form.fps is not None:

@@ -53,9 +53,9 @@ def problems_of(recording: Recording, path: Path, calibration: object = None) ->
     file = path / "calibration.toml" if calibration is None else calibration
     found = find_problems(recording, path, load_provenance(path).rotations, file)
     placed = with_places(recording)
-    people = doubt_people(placed, load_noise(detector_of(recording)))
+    people = doubt_people(placed, load_noise(detector_of(recording)), file)
     if people and not (people.startswith(LYING) and any(p.kind == "not-z-up" for p in found)):
-        found.insert(0, Problem("people", "rig", people.replace("CALIBRATION", shell(file))))
+        found.insert(0, Problem("people", "rig", people))
     return sorted(found, key=lambda problem: problem.where != "rig")
 
 

@@ -21,7 +21,6 @@ from e3pose.base.arrays import Floats, Integers
 from e3pose.base.child_process import call_apart
 from e3pose.base.errors import InputError
 from e3pose.base.kernel import INTERPRETING
-from e3pose.base.quantities import shell
 from e3pose.calibrate.people_3d import doubt_people
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.noise import SURE_SCORE, Noise
@@ -293,12 +292,11 @@ class WorldCheck:
         num_slots, series = series_from_frames(views, 1 / LOOK_S, len(self.skeleton), "recent")
         recent = Recording("recent", self.rig, 1 / LOOK_S, num_slots, self.skeleton, series)
         with suppress(InputError, OSError):  # nothing is known then
-            words = call_apart(_doubt, recent, self.noise, limit_s=WORLD_LIMIT_S)
-            self.words = words.replace("CALIBRATION", shell(self.file))
+            self.words = call_apart(_doubt, recent, self.noise, self.file, limit_s=WORLD_LIMIT_S)
 
 
-def _doubt(recent: Recording, noise: Noise) -> str:
-    return doubt_people(recent, noise) or ""
+def _doubt(recent: Recording, noise: Noise, file: Path) -> str:
+    return doubt_people(recent, noise, file) or ""
 
 
 class DisplacementWatch:

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import shell
 from e3pose.calibrate.people_3d import People3D, doubt_people, doubt_placed
 from e3pose.edge.camera_state import sleeps_as_told
 from e3pose.model.blind_slot import blind_words
@@ -170,8 +169,7 @@ def people_problems(site: ResolvedSite) -> Iterator[Finding]:
         yield warning("people", f"not compared with the calibration: {error}")
         return
     if words:
-        said = words.replace("CALIBRATION", shell(file))
-        yield warning("people", f"{file}: {said} (by {of_what})")
+        yield warning("people", f"{file}: {words} (by {of_what})")
     else:
         yield ok("people", f"of people's size and upright, by {of_what}")
 
@@ -193,7 +191,7 @@ def _stored(site: ResolvedSite) -> Iterator[Doubt]:
         if poses is not None:
             joints_m, who = poses.people.joints_m.astype(float), poses.people.track_ids
             people = People3D(joints_m, who, poses.slots, run.limbed, 1 / run.interval_s)
-            yield f"poses of run {one.run_id}", doubt_placed(people)
+            yield f"poses of run {one.run_id}", doubt_placed(people, site.file.calibration)
 
 
 def _recorded(site: ResolvedSite) -> Iterator[Doubt]:
@@ -207,4 +205,4 @@ def _recorded(site: ResolvedSite) -> Iterator[Doubt]:
         if set(ids) <= set(site.rig.camera_ids):
             rig = site.rig.subset([site.rig.index(name) for name in ids])
             noise = load_noise(detector_of(recording))
-            yield str(path), doubt_people(replace(recording, rig=rig), noise)
+            yield str(path), doubt_people(replace(recording, rig=rig), noise, site.file.calibration)
