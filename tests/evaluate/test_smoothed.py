@@ -1,11 +1,11 @@
-"""Which tracks are one person, and posteriors that wait in a file."""
+"""Which tracks are one person."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from e3pose.evaluate.smoothed import BLOCK, Posteriors, keep_people
+from e3pose.evaluate.smoothed import keep_people
 from e3pose.model.people import People
 from e3pose.model.slot_record import SlotRecord
 
@@ -49,16 +49,6 @@ def test_tracks_that_follow_each_other_are_one_person(
         kept = [i for i in one.people.track_ids.tolist() if i in names]
         assert other.people.track_ids.tolist() == [names[i] for i in kept]
         assert len(other.people.joints_m) == len(kept)
-
-
-@pytest.mark.parametrize("count", [0, 1, BLOCK, 2 * BLOCK + 3])
-def test_posteriors_come_back_from_the_file_both_ways(count: int) -> None:
-    kept = Posteriors()
-    for number in range(count):
-        kept.append(number)  # type: ignore[arg-type]  # whatever can be pickled
-    assert len(kept) == count
-    assert [*reversed(kept)] == [*range(count)][::-1]
-    assert [*kept] == [*range(count)]
 
 
 def test_nobody_stays_nobody() -> None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from cyclopts import Parameter
 
+from e3pose.base.disk_list import DiskList
 from e3pose.base.errors import Exit, InputError
 from e3pose.base.quantities import duration_s, plural, shell
 from e3pose.cli.fault_options import FaultOptions
@@ -40,7 +40,6 @@ from e3pose.evaluate.held_out import doubts_of, joined, judge, turns
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
 from e3pose.evaluate.replay import replay as run_replay
 from e3pose.evaluate.smoothed import (
-    Posteriors,
     keep_people,
     smooth_poses,
     smooth_records,
@@ -48,7 +47,6 @@ from e3pose.evaluate.smoothed import (
 )
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
-from e3pose.model.people import People
 from e3pose.output.exports import ExportSettings, export
 from e3pose.output.report import write_report
 from e3pose.recording.problems import HARMLESS
@@ -56,7 +54,7 @@ from e3pose.settings.limits import check_smooth_delay
 from e3pose.settings.parts import warnings_of
 
 if TYPE_CHECKING:
-    from e3pose.estimate.base import Estimate
+    from e3pose.estimate.base import Estimate, Posterior
     from e3pose.estimate.smooth import SmoothSettings
     from e3pose.evaluate.detect_again import PixelViews
     from e3pose.model.slot_record import SlotRecord
@@ -242,11 +240,11 @@ class _Run:
     smoother: Smoother
     slots: Iterator[SlotRecord]
 
-    def records(self, name: str, slots: Iterator[SlotRecord] | None = None) -> list[SlotRecord]:
+    def records(self, name: str, slots: Iterator[SlotRecord] | None = None) -> DiskList[SlotRecord]:
         """Run it, with progress under a name; `slots` are its own, passed through something."""
         slots = self.slots if slots is None else slots
         tracked = track_progress(slots, self.source.num_slots, name)
-        return self.smoother.smoothed([self.smoother.lean(record) for record in tracked])
+        return self.smoother.smoothed(DiskList(tracked))
 
     def summary(self, records: Sequence[SlotRecord], notes: Sequence[str]) -> Summary:
         """Return the figures of its records, with what was said of new looks."""
@@ -292,7 +290,7 @@ class Smoother:
             delay_s: of smoothing with the slots of this time after each; 0 for none.
         """
         self._source, self._settings = source, settings
-        self._posteriors = Posteriors()
+        self._posteriors: DiskList[Posterior] = DiskList()
         self._lag_slots: int | None = None
         self.words: str | None = settings.method
         if delay_s:
@@ -304,21 +302,13 @@ class Smoother:
         if (self._lag_slots or self._settings.method == "rts") and estimate.posterior is not None:
             self._posteriors.append(estimate.posterior)
 
-    def lean(self, record: SlotRecord) -> SlotRecord:
-        """Return a record without the poses that smoothing replaces: a gigabyte in an hour."""
-        if self._lag_slots or not len(self._posteriors):
-            return record
-        nowhere_m = np.broadcast_to(np.nan, record.people.joints_m.shape)
-        known = {name: getattr(record.people, name) for name in ("track_ids", "measured")}
-        return replace(record, people=People.unchecked(nowhere_m, record.people.scores, **known))
-
-    def smoothed(self, records: list[SlotRecord]) -> list[SlotRecord]:
+    def smoothed(self, records: DiskList[SlotRecord]) -> DiskList[SlotRecord]:
         """Return the records with smoothed poses."""
         if self.words is None:
             return records
 
         skeleton, interval_s = self._source.skeleton, self._source.interval_s
-        posteriors, self._posteriors = self._posteriors, Posteriors()  # the file goes after use
+        posteriors, self._posteriors = self._posteriors, DiskList()  # the file goes after use
         if len(posteriors):
             return smooth_records(records, posteriors, skeleton, self._lag_slots)
         return smooth_poses(records, skeleton, interval_s, self._settings)

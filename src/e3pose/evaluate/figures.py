@@ -47,11 +47,9 @@ def modelled_watts(
     With `sends_boxes` every idle camera sends in each slot that is decided for: its WiFi draws what
     it does in an active slot. `slept_w` `(num_cameras,)` is what sleep took off the mean draw.
     """
-    counted = seeing(records)
-    duty = duty_of(counted, len(profiles))
-    watts = mean_watts(
-        duty, profiles, idle_mode, _sending(counted) if sends_boxes and counted else 0.0
-    )
+    counted = seeing(records, len(profiles))
+    sending = _sending(counted) if sends_boxes and len(counted) else 0.0
+    watts = mean_watts(duty_of(records, len(profiles)), profiles, idle_mode, sending)
     if slept_w is not None:
         watts = watts - slept_w
     return watts, np.array([each.watts("active") for each in profiles])
@@ -93,12 +91,12 @@ def energy_figures(
     Blind slots are charged as the mean of the others is. `drawn` is mean and active power of each
     camera, watts.
     """
-    counted = seeing(records)
-    if not counted:
-        return None
     watts, active_w = drawn
+    counted = seeing(records, len(watts))
+    if not len(counted):
+        return None
     batteries_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), watts.shape)
-    duty = float(duty_of(counted, len(watts)).mean())
+    duty = float(duty_of(records, len(watts)).mean())
     sending = float(_sending(counted).mean()) if sends_boxes else 0.0
     seconds = len(records) * recording.interval_s
     return Energy(
@@ -121,9 +119,8 @@ def energy_figures(
     )
 
 
-def _sending(counted: Sequence[SlotRecord]) -> Floats:
+def _sending(selected: Flags) -> Floats:
     """Return `(num_cameras,)` share of the slots in which a camera is idle, but others look."""
-    selected = np.stack([record.selected for record in counted])
     return np.asarray((selected.any(axis=1, keepdims=True) & ~selected).mean(axis=0))
 
 
@@ -176,22 +173,25 @@ def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> Exp
 
     With truth in the recording's own skeleton also of the joints of people matched within 500 mm.
     """
-    known = [record for record in records if np.isfinite(record.people.covariance_m2).any()]
     error_mm = foreseen_mm = None
-    if known:
-        covariance = np.concatenate([_joints(record.people.covariance_m2) for record in known])
-        error_mm = MM * float(np.nanmean(expected_distance_m(covariance)))
+    total_m, count = 0.0, 0
+    for record in records:
+        expected_m = expected_distance_m(record.people.covariance_m2)
+        known = ~np.isnan(expected_m)
+        total_m, count = total_m + float(expected_m[known].sum()), count + int(known.sum())
+    if count:
+        error_mm = MM * total_m / count
     foreseen = [record.reasons.error_m for record in records if record.reasons is not None]
     if np.isfinite(foreseen).any():
         foreseen_mm = MM * float(np.nanmean(foreseen))
     truth = recording.truth
-    if truth is None or truth.skeleton != recording.skeleton or not known:
+    if truth is None or truth.skeleton != recording.skeleton or not count:
         return Expected(error_mm, foreseen_mm)
     first, stop = recording.scored_slots or (0, recording.num_slots)
     pairs = [
         _matched(record, truth.joints_m[record.slot])
-        for record in known
-        if first <= record.slot < stop
+        for record in records
+        if first <= record.slot < stop and np.isfinite(record.people.covariance_m2).any()
     ]
     expected, within, actual = (np.concatenate(part) for part in zip(*pairs, strict=True))
     if not len(actual):
@@ -219,10 +219,6 @@ def _matched(record: SlotRecord, truth_m: Floats) -> tuple[Floats, Floats, Float
     known = np.isfinite(actual) & np.isfinite(covariance).all(axis=(-1, -2))
     spread = covariance[known]
     return expected_distance_m(spread), distance_within_m(spread, BAND), actual[known]
-
-
-def _joints(covariance_m2: Floats) -> Floats:
-    return covariance_m2.reshape(-1, 3, 3)
 
 
 FORMAT = "e3pose-figures"

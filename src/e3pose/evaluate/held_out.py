@@ -13,6 +13,7 @@ from statistics import fmean
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -87,11 +88,10 @@ def judge(judges: Recording, records: Sequence[SlotRecord]) -> HeldOut:
         judges: the held-out cameras alone, from `turns`.
         records: of the replay without them.
     """
-    first, stop = judges.scored_slots or (0, judges.num_slots)
-    scored = [record for record in records if first <= record.slot < stop]
+    scored = range(*(judges.scored_slots or (0, judges.num_slots)))
     return _of_all(
         {
-            camera.camera_id: _one(camera, judges.skeleton, scored, series)
+            camera.camera_id: _one(camera, judges.skeleton, records, series, scored)
             for camera, series in zip(judges.rig.cameras, judges.views, strict=True)
         }
     )
@@ -136,38 +136,44 @@ def joined(found: Sequence[HeldOut | None]) -> HeldOut | None:
 
 
 def _one(
-    camera: Camera, skeleton: Skeleton, records: Sequence[SlotRecord], series: ViewSeries
+    camera: Camera,
+    skeleton: Skeleton,
+    records: Sequence[SlotRecord],
+    series: ViewSeries,
+    scored: range,
 ) -> HeldOutCamera:
     from scipy.optimize import linear_sum_assignment
 
     rows = [row for row, name in enumerate(skeleton.joints) if name in COMPARED]
     rows = rows if len(rows) >= LEAST_KEYPOINTS else list(range(len(skeleton)))
-    off = [np.zeros((0, len(skeleton), 2))]
-    wrong = [np.zeros((0, len(skeleton)))]
-    people = poses = unseen = 0
+    most = len(series.scores)  # single precision: an hour has millions
+    off = np.empty((most, len(skeleton), 2), np.float32)
+    wrong = np.empty((most, len(skeleton)), np.float32)
+    people = poses = unseen = paired = 0
     for record in records:
-        view = series.view(record.slot)
+        view = series.view(record.slot) if record.slot in scored else None
         if view is None:  # a lost view judges nobody
             continue
         joints_m = record.people.joints_m
         sure_px = np.where((view.scores > SURE_SCORE)[..., None], view.keypoints_px, np.nan)
         apart = _apart(camera, joints_m, sure_px)  # (num_poses, num_detections, num_joints, 2)
         mean_m = mean_of_known(apart[..., rows, 1], LEAST_KEYPOINTS, np.inf)
-        pairs = zip(*linear_sum_assignment(np.minimum(mean_m, 2 * SAME_M)), strict=True)
-        same = [pair for pair in pairs if mean_m[pair] < SAME_M]
-        off += [apart[pair][None] for pair in same]
-        wrong += [
-            wrong_in_view(camera, joints_m[[pose]], sure_px[[detection]], skeleton.joints)
-            for pose, detection in same
-        ]
+        pose, detection = linear_sum_assignment(np.minimum(mean_m, 2 * SAME_M))
+        same = mean_m[pose, detection] < SAME_M
+        pose, detection = pose[same], detection[same]
+        new = slice(paired, paired + len(pose))
+        paired = new.stop
+        off[new] = apart[pose, detection]
+        names = skeleton.joints
+        wrong[new] = wrong_in_view(camera, joints_m[pose], sure_px[detection], names)
         counted = (view.scores[:, rows] > SURE_SCORE).sum(axis=-1) >= LEAST_KEYPOINTS
         pixels = camera.project(joints_m[:, rows])  # NaN counts as outside the image
         inside = ((pixels >= 0) & (pixels < camera.image_size)).all(axis=-1)
         shown = 2 * inside.sum(axis=-1) >= inside.shape[-1]  # half of the joints
         people, poses = people + int(counted.sum()), poses + int(shown.sum())
-        shown[[pose for pose, _ in same]] = False
+        shown[pose] = False
         unseen += int(shown.sum())
-    found, turned = np.concatenate(off), np.concatenate(wrong)
+    found, turned = off[:paired], wrong[:paired]
     return HeldOutCamera(
         **asdict(_distances(found[:, rows], turned[:, rows])),
         people=people,
@@ -189,23 +195,23 @@ def _apart(camera: Camera, joints_m: Floats, keypoints_px: Floats) -> Floats:
     return np.stack([apart_px, apart_px * depth_m[:, None] / focal_px], axis=-1)
 
 
-def _distances(off: Floats, wrong: Floats) -> Distances:
+def _distances(off: NDArray[Any], wrong: NDArray[Any]) -> Distances:
     """Return the figures of joints.
 
     Args:
         off: `(*batch, 2)` pixels and metres, NaN where a keypoint is missing.
         wrong: `(*batch)` of `wrong_in_view`.
     """
-    known = off[np.isfinite(off).all(axis=-1)]
-    if not len(known):
+    known = np.isfinite(off).all(axis=-1)
+    if not known.any():
         return Distances()
-    (mean_px, mean_m), (median_px, median_m) = known.mean(axis=0), np.median(known, axis=0)
+    off_px, off_m = off[known, 0], off[known, 1]
     return Distances(
-        len(known),
-        float(mean_px),
-        float(median_px),
-        1e3 * float(mean_m),
-        1e3 * float(median_m),
+        len(off_px),
+        float(off_px.mean(dtype=np.float64)),
+        float(np.median(off_px)),
+        1e3 * float(off_m.mean(dtype=np.float64)),
+        1e3 * float(np.median(off_m)),
         int(np.isfinite(wrong).sum()),
         wrong_percent(wrong),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +40,10 @@ def write_poses(records: Sequence[SlotRecord], skeleton: Skeleton, path: Path) -
         InputError: when the file's ending names no known format.
     """
     check_poses_path(path)
-    seen = [record for record in records if len(record.people)] or records[:1]
-    parts = (seen[i : i + CHUNK] for i in range(0, max(len(seen), 1), CHUNK))
-    write_tables((_columns(part, skeleton) for part in parts), path, path.suffix[1:])
+    seen = (record for record in records if len(record.people))
+    parts = iter(lambda: [*islice(seen, CHUNK)], [])
+    first = next(parts, [*records[:1]])
+    write_tables((_columns(p, skeleton) for p in chain([first], parts)), path, path.suffix[1:])
 
 
 def _columns(records: Sequence[SlotRecord], skeleton: Skeleton) -> dict[str, Any]:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import pickle
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from os import SEEK_END
-from tempfile import TemporaryFile
-from typing import IO
-from weakref import finalize
+from itertools import chain
 
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.base.disk_list import DiskList
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.bones import proportions_of
 from e3pose.estimate.filter.tree import grow
@@ -25,52 +22,13 @@ from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Take, motions_of
 from e3pose.pipeline import SlotRecord
 
-BLOCK = 256  # slots of posteriors that are written at once
-
-
-class Posteriors:
-    """The posteriors of a replay, in a temporary file: an hour of them takes gigabytes."""
-
-    def __init__(self) -> None:
-        self._file: IO[bytes] | None = None  # until a block is full
-        self._begins, self._last = list[int](), list[Posterior]()
-
-    def append(self, posterior: Posterior) -> None:
-        """Add the posterior of the next slot."""
-        self._last.append(posterior)
-        if len(self._last) == BLOCK:
-            if self._file is None:
-                self._file = TemporaryFile()  # noqa: SIM115  # as long as this object
-                finalize(self, self._file.close)
-            self._begins.append(self._file.seek(0, SEEK_END))
-            pickle.dump(self._last, self._file, pickle.HIGHEST_PROTOCOL)
-            self._last = []
-
-    def __len__(self) -> int:
-        return BLOCK * len(self._begins) + len(self._last)
-
-    def __iter__(self) -> Iterator[Posterior]:
-        for begin in self._begins:
-            yield from self._block(begin)
-        yield from self._last
-
-    def __reversed__(self) -> Iterator[Posterior]:
-        yield from reversed(self._last)
-        for begin in reversed(self._begins):
-            yield from reversed(self._block(begin))
-
-    def _block(self, begin: int) -> list[Posterior]:
-        assert self._file is not None, "a block was written"
-        self._file.seek(begin)
-        return pickle.load(self._file)  # type: ignore[no-any-return]  # written by this object
-
 
 def smooth_records(
     records: Sequence[SlotRecord],
-    posteriors: Sequence[Posterior] | Posteriors,
+    posteriors: Sequence[Posterior],
     skeleton: Skeleton,
     lag_slots: int | None = None,
-) -> list[SlotRecord]:
+) -> DiskList[SlotRecord]:
     """Return the records of a replay with the people that the smoother over bodies finds.
 
     The same people in the same slots, nobody earlier and no joint that was missing.
@@ -83,20 +41,20 @@ def smooth_records(
     """
     if lag_slots is not None:
         delayed = Delayed(skeleton, lag_slots)
-        found = map(delayed.push, records, posteriors)
-        return [*(late for late in found if late is not None), *delayed.flush()]
+        pushed = map(delayed.push, records, posteriors)
+        return DiskList(chain((late for late in pushed if late is not None), delayed.flush()))
     tree = grow(skeleton)
     body = proportions_of(skeleton, tree)
     lates = smooth_backwards(tree, reversed(posteriors))
     pairs = zip(reversed(records), lates, strict=True)
-    return [with_smoothed(record, late, body) for record, late in pairs][::-1]
+    return DiskList((with_smoothed(*pair, body) for pair in pairs), backwards=True)
 
 
 # definition: how far somebody may go while nobody is seen, metres per second and at once
 GAP_MPS, GAP_M = 3.0, 1.0
 
 
-def keep_people(records: Sequence[SlotRecord], count: int) -> tuple[list[SlotRecord], int]:
+def keep_people(records: Sequence[SlotRecord], count: int) -> tuple[DiskList[SlotRecord], int]:
     """Return the records with the people who are seen most, numbered from 1, and how many are not.
 
     Tracks that follow each other in time, no farther apart than somebody can walk meanwhile, are
@@ -124,7 +82,7 @@ def keep_people(records: Sequence[SlotRecord], count: int) -> tuple[list[SlotRec
         elif len(chains) < count:
             chains.append([track_id])
     numbers = {track_id: row + 1 for row, chain in enumerate(chains) for track_id in chain}
-    return [_numbered(record, numbers) for record in records], len(joints) - len(numbers)
+    return DiskList(_numbered(each, numbers) for each in records), len(joints) - len(numbers)
 
 
 def _apart(one: Sequence[tuple[float, Floats]], other: Sequence[tuple[float, Floats]]) -> float:
@@ -154,7 +112,7 @@ def take_of_records(
 
 def smooth_poses(
     records: Sequence[SlotRecord], skeleton: Skeleton, interval_s: float, settings: SmoothSettings
-) -> list[SlotRecord]:
+) -> DiskList[SlotRecord]:
     """Return the records with poses smoothed by themselves, without what the filter knew besides.
 
     Args:
@@ -165,7 +123,7 @@ def smooth_poses(
     """
     take = smoothed(take_of_records(records, skeleton, interval_s, ""), replace(settings, fill_s=0))
     motions = {motion.track_id: motion for motion in take.motions}
-    result = []
+    result = DiskList[SlotRecord]()
     for record in records:
         people = record.people
         joints_m, covariance_m2 = people.joints_m.copy(), people.covariance_m2.copy()

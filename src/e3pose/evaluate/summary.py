@@ -76,7 +76,7 @@ def summarise(
         drawn = modelled_watts(records, profiles, idle_mode, sends_boxes, slept_w)
     else:
         drawn = charged_watts(records, charged_j, profiles, recording.interval_s)
-    seconds = recording.interval_s * len(seeing(records))
+    seconds = recording.interval_s * len(seeing(records, len(profiles)))
     rests = bool(records) and settings.rest_costs is not None
     asleep = asleep_in(records, settings.lead_slots) if rests else None
     return Summary(

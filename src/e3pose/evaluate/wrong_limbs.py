@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.model.camera import Camera
@@ -71,10 +73,10 @@ def wrong_in_view(
     return _by_joint(np.where(np.isfinite(apart_px), wrong, np.nan), ends, names)
 
 
-def wrong_percent(wrong: Floats) -> float | None:
+def wrong_percent(wrong: NDArray[Any]) -> float | None:
     """Return the percentage of limbs that are wrong, of those known; None without any."""
     known = wrong[np.isfinite(wrong)]
-    return 100 * float(known.mean()) if len(known) else None
+    return 100 * float(known.mean(dtype=np.float64)) if len(known) else None
 
 
 def _rows(names: Sequence[str]) -> tuple[list[int], list[int]]:

@@ -79,18 +79,26 @@ def no_choice(online: Flags, answering: Flags, views_late: Flags) -> Cause | Lit
     return "views-late" if (online & views_late).any() else "views-missing"
 
 
-def seeing(records: Sequence[SlotRecord]) -> list[SlotRecord]:
-    """Return the slots that duty and savings are computed from: all that are not blind.
+def seeing(records: Sequence[SlotRecord], num_cameras: int) -> Flags:
+    """Return the selections that duty and savings are computed from: of slots that are not blind.
 
     In a blind slot cameras did not rest on purpose, so that it is no saving, whatever they drew.
+
+    Args:
+        records: one per slot.
+        num_cameras: of the rig.
+
+    Returns:
+        `(num_slots, num_cameras)`.
     """
-    return [record for record in records if not record.blind]
+    selected = [record.selected for record in records if not record.blind]
+    return np.array(selected, dtype=bool).reshape(-1, num_cameras)
 
 
 def duty(records: Sequence[SlotRecord], num_cameras: int) -> NDArray[np.float64]:
     """Return `(num_cameras,)`: share of the slots in which each was selected, of those `seeing`."""
-    selected = [record.selected for record in seeing(records)]
-    return np.asarray(np.mean(selected, axis=0)) if selected else np.zeros(num_cameras)
+    selected = seeing(records, num_cameras)
+    return np.asarray(selected.mean(axis=0)) if len(selected) else np.zeros(num_cameras)
 
 
 def count_blind(records: Sequence[SlotRecord]) -> dict[str, int]:

@@ -40,7 +40,8 @@ def coverage(errors: str, cameras: int) -> tuple[float, ...]:
     records = list(replay(recording, asked, publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     made = [records]
-    made += [smooth_records(records, posteriors, recording.skeleton, lag) for lag in (1, None)]
+    for lag in (1, None):
+        made.append([*smooth_records(records, posteriors, recording.skeleton, lag)])
     return tuple(expected_figures(recording, each).coverage_90 or 0.0 for each in made)
 
 

@@ -84,7 +84,7 @@ def write_stretch(
         skeleton = run.run.limbed
     poses = store.query(start, end, run=run.run_id)
     first, began_ns, ended_ns = rows[0]["slot"], rows[0]["time_ns"], rows[-1]["time_ns"]
-    records = slot_records(rows, poses, run.run.interval_s, first)
+    records: Sequence[SlotRecord] = slot_records(rows, poses, run.run.interval_s, first)
     began, ended = (
         datetime.fromtimestamp(time_ns / 1e9, timezone.utc) for time_ns in (began_ns, ended_ns)
     )

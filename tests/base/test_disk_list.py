@@ -1,0 +1,33 @@
+"""Items that wait in a file: all come back, both ways, and few are in memory."""
+
+from __future__ import annotations
+
+import gc
+
+import pytest
+
+from e3pose.base.disk_list import BLOCK, DiskList
+
+
+class Item:
+    """Something that can be counted."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+@pytest.mark.parametrize("count", [0, 1, BLOCK, 2 * BLOCK + 3])
+def test_items_come_back_from_the_file_both_ways(count: int) -> None:
+    for kept in (DiskList(range(count)), DiskList(reversed(range(count)), backwards=True)):
+        wanted = [*range(count)]
+        assert len(kept) == count and [*kept] == wanted
+        assert [*reversed(kept)] == wanted[::-1]
+        assert kept[::100] == wanted[::100] and kept[-3:] == wanted[-3:]
+        with pytest.raises(IndexError):
+            kept[count]
+
+
+def test_few_items_are_in_memory_however_many_there_are() -> None:
+    kept = DiskList(Item(number) for number in range(6 * BLOCK))
+    assert sum(item.number for item in kept) == 3 * BLOCK * (6 * BLOCK - 1)
+    assert sum(isinstance(each, Item) for each in gc.get_objects()) <= 2 * BLOCK
