@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -189,9 +190,8 @@ def read_series(
     Raises:
         InputError: naming the file and line.
     """
-    slots: list[int] = []
-    times_s: list[float] = []
-    views: list[Poses2D] = []
+    slots, times_s, counts = list[int](), list[float](), [0]
+    keypoints_px, scores = array("d"), array("d")  # grow in their place
     last = -1
     for number, line in read_lines(path, MAX_LINES_BYTES):
         where = f"{path}:{number}"
@@ -203,7 +203,9 @@ def read_series(
         last = slot
         slots.append(slot)
         times_s.append(time_s)
-        views.append(view)
+        counts.append(len(view))
+        keypoints_px.frombytes(view.keypoints_px.tobytes())
+        scores.frombytes(view.scores.tobytes())
     if num_frames is not None and len(slots) != num_frames:
         raise InputError(
             f"{path}: found {len(slots)} lines, expected {num_frames} "
@@ -211,7 +213,13 @@ def read_series(
         )
     if num_frames is None and not slots:
         raise InputError(f"{path}: is empty, expected one line per frame")
-    return ViewSeries.from_views(views, slots, times_s, num_joints)
+    return ViewSeries(
+        np.array(slots, dtype=np.int64),
+        np.array(times_s, dtype=np.float64),
+        np.cumsum(counts, dtype=np.int64),
+        np.frombuffer(keypoints_px).reshape(-1, num_joints, 2),
+        np.frombuffer(scores).reshape(-1, num_joints),
+    )
 
 
 def _read_header(path: Path) -> Header:

@@ -15,7 +15,7 @@ from e3pose.base.quantities import plural, shell
 from e3pose.model.camera import Camera
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration.world import world_problem
-from e3pose.recording.detections.layouts import better_order
+from e3pose.recording.detections.layouts import SAMPLE, better_order
 from e3pose.recording.record import Recording, ViewSeries, with_places
 from e3pose.recording.videos import VIDEOS, chapters_of
 
@@ -162,12 +162,16 @@ def find_problems(
     if recording.num_slots == 0:
         return [Problem("empty", "recording", "holds no slot")]
     problems: list[Problem] = []
+    people, step = 0, max(1, sum(len(each.scores) for each in recording.views) // SAMPLE)
+    seen = []  # every so manieth of the people in all views
     for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
         problems += _view_problems(camera, series, recording)
         problems += _time_problems(camera.camera_id, series, recording)
         problems += _keypoint_problems(camera, series)
+        rows = slice(-people % step, None, step)
+        seen.append(np.dstack([series.keypoints_px[rows], series.scores[rows]]))
+        people += len(series.scores)
     problems += _copied_views(recording)
-    seen = [np.dstack([each.keypoints_px, each.scores]) for each in recording.views]
     if other := better_order(np.nan_to_num(np.concatenate(seen)), recording.skeleton):
         own = recording.skeleton.name
         message = f"limbs have people's lengths as {other}, not as {own}: --skeleton {other}"
