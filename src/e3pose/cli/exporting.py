@@ -50,6 +50,7 @@ NAMED = {
     "pose2sim": ("trc",), "opencap": ("trc",), "vrm": BONES, "mixamo": BONES, "unreal": BONES
 }  # fmt: skip
 PAGES = (".html", ".htm")
+MOMENTS = 20_000  # of people, for doubts about their size
 OPTIONS = {"site": "--site", "run": "--run", "time": "--from, --to", "track": "--track"}
 
 
@@ -196,9 +197,12 @@ def export(
 
 
 def _people(take: Take) -> People3D:
-    joints_m = np.concatenate([motion.joints_m for motion in take.motions])
-    who = np.concatenate([np.full(len(motion), motion.track_id) for motion in take.motions])
-    slots = np.concatenate([motion.first + np.arange(len(motion)) for motion in take.motions])
+    """Return moments that tell how tall people are."""
+    step = max(1, sum(map(len, take.motions)) // MOMENTS)
+    joints_m = np.concatenate([motion.joints_m[::step] for motion in take.motions])
+    lengths = [-(-len(motion) // step) for motion in take.motions]
+    who = np.repeat([motion.track_id for motion in take.motions], lengths)
+    slots = np.concatenate([m.first + np.arange(0, len(m), step) for m in take.motions])
     return People3D(joints_m, who, slots, take.skeleton, take.fps)
 
 

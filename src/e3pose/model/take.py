@@ -22,6 +22,7 @@ Origins = NDArray[np.uint8]
 # Where a joint's place comes from.
 MISSING, MEASURED, PREDICTED, FILLED = range(4)
 ORIGINS = ("missing", "measured", "predicted", "filled")
+MAX_JOINTS_HELD = 2**26  # of one person in all slots: some gigabytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,25 +119,37 @@ def motions_of(slots: Integers, people: People) -> tuple[Motion, ...]:
     return tuple(_motion_of(slots[rows], people[rows]) for rows in parts)
 
 
+def nowhere(track_id: int, first: int, num_slots: int, num_joints: int) -> Motion:
+    """Return the motion of somebody who is missing in all slots, to be filled.
+
+    Raises:
+        InputError: for more slots than fit into memory.
+    """
+    shape = num_slots, num_joints
+    if num_slots * num_joints > MAX_JOINTS_HELD:
+        raise InputError(f"track {track_id}", f"{num_slots} slots", "fewer from first to last")
+    places, sigma = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+    origin = np.full(shape, MISSING, dtype=np.uint8)
+    return Motion(track_id, first, places, sigma, np.zeros(shape), origin)
+
+
 def _motion_of(slots: Integers, people: People) -> Motion:
     """Return the rows of one person, by rising slot."""
     track_id, rows = int(people.track_ids[0]), slots - slots[0]
     if (np.diff(slots) == 0).any():
         twice = int(slots[1:][np.diff(slots) == 0][0])
         raise InputError(f"track {track_id}: found slot {twice} twice, expected one row per slot")
-    shape = (int(rows[-1]) + 1, people.scores.shape[1])
     here: Flags = np.asarray(np.isfinite(people.joints_m).all(axis=-1))
-    places, sigma = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-    places[rows] = np.where(here[..., None], people.joints_m, np.nan)
-    sigma[rows] = np.where(here, people.sigma_m, np.nan)
-    certainty, origin = np.zeros(shape), np.full(shape, MISSING, dtype=np.uint8)
-    certainty[rows] = np.where(here, people.scores, 0.0)
-    origin[rows] = np.where(here, np.where(people.measured, MEASURED, PREDICTED), MISSING)
-    moving: Floats | None = None
-    if people.dynamics is not None and np.isfinite(people.dynamics).any():
-        moving = np.full((*shape, people.dynamics.shape[-1]), np.nan)
-        moving[rows] = people.dynamics
-    return Motion(track_id, int(slots[0]), places, sigma, certainty, origin, moving)
+    made = nowhere(track_id, int(slots[0]), int(rows[-1]) + 1, people.scores.shape[1])
+    made.joints_m[rows] = np.where(here[..., None], people.joints_m, np.nan)
+    made.sigma_m[rows] = np.where(here, people.sigma_m, np.nan)
+    made.scores[rows] = np.where(here, people.scores, 0.0)
+    made.origin[rows] = np.where(here, np.where(people.measured, MEASURED, PREDICTED), MISSING)
+    if people.dynamics is None or not np.isfinite(people.dynamics).any():
+        return made
+    moving = np.full((*made.scores.shape, people.dynamics.shape[-1]), np.nan)
+    moving[rows] = people.dynamics
+    return replace(made, dynamics=moving)
 
 
 def kept_rows(motion: Motion, keep: NDArray[np.bool_]) -> Motion:

@@ -18,7 +18,6 @@ Layout = Literal["long", "wide", "archive"]
 Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
 
 PER_METRE: dict[str, float] = {"mm": 1000.0, "m": 1.0}
-MAX_VALUES = 200_000_000  # of one file that is made in memory: some gigabytes
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ beside their parents; hands and fingers turn as well, so that they point at the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,8 @@ MEASURED_AT_REST = {
 HAND_AXES = {
     s: np.array([[x, 0, 0], [0, 0, 1.0], [0, -1, 0]]) for s, x in (("left", 1), ("right", -1))
 }
+STRETCH = 5000  # frames whose bones are in memory at once, which take 5 kB each
+FRAMES_OF_A_JOINT = 100  # in a sample, at least, of those that show it
 ROUNDS = 4  # of fitting, then measuring; the first three bring nearly all of it
 
 
@@ -116,8 +118,51 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
     return _with_others(posed(names, parents, offsets, motion, skeleton), motion, skeleton)
 
 
-def _with_others(bones: Bones, motion: Motion, skeleton: Skeleton) -> Bones:
-    """Return bones with a node for each joint that has none, if it was ever seen."""
+def stretches_of(motion: Motion, skeleton: Skeleton) -> Iterator[tuple[int, Bones]]:
+    """Yield a person as bones, a stretch of frames at a time, with the first frame of each.
+
+    A motion of more frames than a stretch has is at rest as a sample of its frames is.
+
+    Raises:
+        InputError: for a person whose hips were never both seen.
+    """
+    if len(motion) <= STRETCH:
+        yield 0, bones_of(motion, skeleton)
+        return
+    each = [np.flatnonzero(known) for known in motion.known.T]
+    spread = [rows[:: max(1, len(rows) // FRAMES_OF_A_JOINT)] for rows in each]
+    rows = np.unique(np.concatenate([*spread, np.arange(0, len(motion), len(motion) // STRETCH)]))
+    rest = bones_of(_frames(motion, rows), skeleton)
+    base = slice(len(rest.names) - len(rest.moved_m))
+    before: Bones | None = None
+    for begin in range(0, len(motion), STRETCH):
+        part = _frames(motion, slice(begin, begin + STRETCH))
+        fixed = rest.names[base], rest.parents[base], rest.offsets_m[base]
+        before = _with_others(posed(*fixed, part, skeleton, before), part, skeleton, rest, before)
+        yield begin, before
+
+
+def _frames(motion: Motion, rows: slice | NDArray[np.int64]) -> Motion:
+    names = ("joints_m", "sigma_m", "scores", "origin")
+    return replace(motion, **{name: getattr(motion, name)[rows] for name in names}, dynamics=None)
+
+
+def _with_others(
+    bones: Bones,
+    motion: Motion,
+    skeleton: Skeleton,
+    rest: Bones | None = None,
+    before: Bones | None = None,
+) -> Bones:
+    """Return bones with a node for each joint that has none, if it was ever seen.
+
+    Args:
+        bones: of the motion.
+        motion: of one person.
+        skeleton: of its joints.
+        rest: where the others are at rest; None for where they mostly are in the motion.
+        before: the same of the frames before; None for none.
+    """
     names, parents, offsets = list(bones.names), bones.parents.tolist(), [*bones.offsets_m]
     rotations, measured = [*bones.rotations.swapaxes(0, 1)], [*bones.measured.T]
     places, hands = _places(motion, skeleton), _hands_at_rest(skeleton)
@@ -134,10 +179,13 @@ def _with_others(bones: Bones, motion: Motion, skeleton: Skeleton) -> Bones:
             parent = names.index(skeleton.joints[above]) if above >= 0 else 0
             local = np.einsum("fba,fb->fa", world[parent], places[name] - ends[parent])
             known = present(local)
-            if not known.any():
+            if not known.any() if rest is None else name not in rest.names:
                 continue
-            offset = np.median(local[known], axis=0)
-            if index in hands and len(_pointed(skeleton, above, hands)) == 1:
+            if rest is not None:
+                offset = rest.offsets_m[rest.names.index(name)]
+            else:
+                offset = np.median(local[known], axis=0)
+            if rest is None and index in hands and len(_pointed(skeleton, above, hands)) == 1:
                 length = np.median(np.linalg.norm(local[known], axis=1))
                 offset = hands[index] / np.linalg.norm(hands[index]) * length
             moved[len(names)] = local
@@ -159,7 +207,7 @@ def _with_others(bones: Bones, motion: Motion, skeleton: Skeleton) -> Bones:
                 still = np.array(list(pointed.values()))
                 seen = np.where(measured[node][:, None, None], wanted, still)
                 fitted = np.swapaxes(upper, 1, 2) @ _fit(upper, still, seen)
-                rotations[node] = held(fitted, measured[node])
+                rotations[node] = held(fitted, measured[node], _last(before, name))
                 world[node] = upper @ rotations[node]
     made = Bones(
         tuple(names),
@@ -206,11 +254,15 @@ def posed(
     offsets: Floats,
     motion: Motion,
     skeleton: Skeleton,
+    before: Bones | None = None,
 ) -> Bones:
-    """Return a motion as bones whose rest is known; see `Bones` for the arguments."""
+    """Return a motion as bones whose rest is known; see `Bones` for the arguments.
+
+    `before` is the same of the frames before, if any.
+    """
     places = _places(motion, skeleton)
     joints = np.stack([places[HINGES.get(name, name)] for name in names], axis=1)
-    root_m, rotations, measured = _turned(names, joints, parents, offsets)
+    root_m, rotations, measured = _turned(names, joints, parents, offsets, before)
     return Bones(names, parents, offsets, root_m, rotations, measured)
 
 
@@ -284,15 +336,26 @@ def _measured_at_rest(
     return offsets
 
 
-def held(values: Floats, known: Flags) -> Floats:
+def held(values: Floats, known: Flags, before: Floats | None = None) -> Floats:
     """Return values with the one before where none is known, and the first known one before that.
 
     Args:
         values: `(num_frames, *batch)`.
         known: `(num_frames,)`, once at least.
+        before: `(*batch)` the value of the frame before, if any.
     """
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
-    return np.asarray(values[np.where(last < 0, int(known.argmax()), last)])
+    found = values[np.where(last < 0, int(known.argmax()), last)]
+    if before is not None:
+        found[last < 0] = before
+    return np.asarray(found)
+
+
+def _last(before: Bones | None, name: str) -> Floats | None:
+    """Return the rotation of a node in the last frame, if there is one."""
+    if before is None:
+        return None
+    return np.asarray(before.rotations[-1, before.names.index(name)])
 
 
 def _places(motion: Motion, skeleton: Skeleton) -> dict[str, Floats]:
@@ -306,7 +369,11 @@ def _places(motion: Motion, skeleton: Skeleton) -> dict[str, Floats]:
 
 
 def _turned(
-    names: Sequence[str], joints: Floats, parents: NDArray[np.int64], offsets: Floats
+    names: Sequence[str],
+    joints: Floats,
+    parents: NDArray[np.int64],
+    offsets: Floats,
+    before: Bones | None,
 ) -> tuple[Floats, Floats, Flags]:
     """Return places of the root, rotations beside the parents, and where a frame tells them."""
     num_frames, num_nodes = joints.shape[:2]
@@ -332,8 +399,11 @@ def _turned(
             if node == 0 and len(asked) == 3:  # the middle of the hips errs as much as either
                 off = wanted[:, :2] - np.einsum("fab,cb->fca", fitted, still[:2])
                 ends[:, 0] += np.where(measured[:, :1], off.sum(axis=1) / 3, 0.0)
+            last = _last(before, names[node])
             if measured[:, node].any():
-                local[:, node] = held(np.swapaxes(above, 1, 2) @ fitted, measured[:, node])
+                local[:, node] = held(np.swapaxes(above, 1, 2) @ fitted, measured[:, node], last)
+            elif last is not None:
+                local[:, node] = last
         world[:, node] = above @ local[:, node]
     return np.where(known[:, :1], ends[:, 0], np.nan), local, measured
 
@@ -380,11 +450,7 @@ def present(points: Floats) -> Flags:
     return np.asarray(np.isfinite(points).all(axis=-1))
 
 
-def count_held(bones: Sequence[Bones]) -> tuple[int, int]:
-    """Return in how many of how many frames some bone keeps the rotation of the frame before."""
-    some, frames = 0, 0
-    for one in bones:
-        turning = [node for node in range(len(one.names)) if one.turns(node)]
-        some += int((~one.measured[:, turning].all(axis=1)).sum())
-        frames += len(one.measured)
-    return some, frames
+def count_held(bones: Bones) -> int:
+    """Return in how many frames some bone keeps the rotation of the frame before."""
+    turning = [node for node in range(len(bones.names)) if bones.turns(node)]
+    return int((~bones.measured[:, turning].all(axis=1)).sum())

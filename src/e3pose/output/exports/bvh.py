@@ -49,8 +49,8 @@ def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
         file.write("\n".join(lines) + "\n")
         for row in numbers.tolist():
             file.write(" ".join(f"{value:.5f}" for value in row) + "\n")
-    kept, frames = count_held([bones])
-    note = f"; {kept} of {frames} frames keep some rotation of the one before" if kept else ""
+    kept = count_held(bones)
+    note = f"; {kept} of {len(motion)} frames keep some rotation of the one before" if kept else ""
     begins_s = motion.first * take.interval_s  # the format knows no time of its own
     return f"{units}, y up, {len(bones.names)} nodes, begins at {begins_s:.2f} s{note}"
 

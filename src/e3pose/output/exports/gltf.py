@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose import __version__
-from e3pose.base.arrays import Floats
-from e3pose.base.atomic import write_file
+from e3pose.base.arrays import Flags, Floats
+from e3pose.base.atomic import atomic_file
 from e3pose.model.take import Take
 from e3pose.output.exports.base import ExportSettings, person_name
 from e3pose.output.exports.bone_names import bone_names
-from e3pose.output.exports.bones import Bones, bones_of, count_held, present, rest_places
+from e3pose.output.exports.bones import Bones, count_held, present, rest_places, stretches_of
 
 THICKNESS = 0.09  # of a bone, as a share of its length
 POINTS = 9  # nodes on one, as of a face, that are no bones to be drawn
@@ -45,23 +45,58 @@ TRIANGLES = np.array(
 def write_gltf(take: Take, dest: Path, settings: ExportSettings) -> str:
     """Write all people of a take; time 0 is the first frame of the take."""
     scene = _Scene()
-    people = []
-    first = take.span[0]
+    first, kept = take.span[0], 0
     for motion in settings.progress(take.motions, len(take.motions), "write"):
-        bones = bones_of(motion, take.skeleton)
-        people.append(bones)
         times_s = (motion.first - first + np.arange(len(motion))) * take.interval_s
-        scene.add_person(motion.track_id, bones, times_s, take.interval_s, settings.names)
-    document, blob = scene.document(), bytes(scene.blob)
-    if dest.suffix.lower() == ".gltf":
-        uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
-        document["buffers"][0]["uri"] = uri
-        write_file(dest, json.dumps(document), private=True)
-    else:
-        write_file(dest, _binary(document, blob), private=True)
-    kept, frames = count_held(people)
+        keys = _Keys()
+        for begin, bones in stretches_of(motion, take.skeleton):
+            keys.add(bones, times_s[begin : begin + len(bones.root_m)])
+            kept += count_held(bones)
+        scene.add_person(motion.track_id, bones, keys, times_s, take.interval_s, settings.names)
+    document, blob = scene.document(), scene.blob
+    with atomic_file(dest, private=True) as temporary, temporary.open("wb") as file:
+        if dest.suffix.lower() == ".gltf":
+            uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+            document["buffers"][0]["uri"] = uri
+            file.write(json.dumps(document).encode())
+        else:
+            file.writelines(_binary(document, blob))
+    frames = sum(map(len, take.motions))
     note = f"; {kept} of {frames} frames without a key for some bone" if kept else ""
-    return f"metres, y up, {len(people)} people{note}"
+    return f"metres, y up, {len(take.motions)} people{note}"
+
+
+class _Keys:
+    """Keys of one person, gathered from stretches of frames."""
+
+    def __init__(self) -> None:
+        self.turning: set[int] = set()  # nodes whose rotation some frame shows
+        self.there: list[Flags] = []  # whether each frame has the root
+        self._parts: dict[tuple[str, int], list[tuple[Floats, NDArray[Any]]]] = {}
+
+    def add(self, bones: Bones, times_s: Floats) -> None:
+        self.there.append(present(bones.root_m))
+        self._put("root", 0, times_s, bones.root_m, self.there[-1])
+        for node in range(len(bones.names)):
+            keyed = bones.keyed(node)
+            if keyed.any():
+                turned = quaternions(bones.rotations[keyed, node])
+                self._put("rotation", node, times_s[keyed], turned, slice(None))
+            if bones.measured[:, node].any():
+                self.turning.add(node)
+        for node, places_m in bones.moved_m.items():
+            self._put("translation", node, times_s, places_m, present(places_m))
+
+    def of(self, path: str, node: int) -> tuple[Floats, NDArray[Any]]:
+        """Return times and values of a node."""
+        times_s, values = zip(*self._parts[path, node], strict=True)
+        return np.concatenate(times_s), np.concatenate(values)
+
+    def _put(
+        self, path: str, node: int, times_s: Floats, values: Floats, rows: Flags | slice
+    ) -> None:
+        part = times_s[rows], values[rows].astype("<f4")  # as the file has them
+        self._parts.setdefault((path, node), []).append(part)
 
 
 class _Scene:
@@ -98,6 +133,7 @@ class _Scene:
         self,
         track_id: int,
         bones: Bones,
+        keys: _Keys,
         times_s: Floats,
         interval_s: float,
         rig: str | None,
@@ -129,26 +165,20 @@ class _Scene:
             {"name": f"{name}_mesh", "mesh": len(self.meshes) - 1, "skin": len(self.skins) - 1}
         )
         self.roots += [top, skinned]
-        self._move(bones, times_s, interval_s, base, top)
-
-    def _move(self, bones: Bones, times_s: Floats, interval_s: float, base: int, top: int) -> None:
-        there = present(bones.root_m)
-        self._channel(base, "translation", times_s[there], bones.root_m[there])
-        for node in range(len(bones.names)):
-            if bones.measured[:, node].any():
-                keyed = bones.keyed(node)
-                rotations = quaternions(bones.rotations[keyed, node])
-                self._channel(base + node, "rotation", times_s[keyed], rotations)
-        for node, places_m in bones.moved_m.items():
-            known = present(places_m)
-            self._channel(base + node, "translation", times_s[known], places_m[known])
+        self._channel(base, "translation", *keys.of("root", 0))
+        for node in sorted(keys.turning):
+            keyed_s, turned = keys.of("rotation", node)
+            self._channel(base + node, "rotation", keyed_s, continuous(turned))
+        for node in bones.moved_m:
+            self._channel(base + node, "translation", *keys.of("translation", node))
+        there = np.concatenate(keys.there)
         # Hidden before, after and wherever nobody knows where the hips are.
         edges = np.flatnonzero(np.diff(there.astype(np.int8), prepend=0, append=0))
-        keys = np.append(times_s, times_s[-1] + interval_s)[edges]
+        edges_s = np.append(times_s, times_s[-1] + interval_s)[edges]
         shown = np.tile([[1.0], [0.0]], (len(edges) // 2, 3))
-        if keys[0] > 0:
-            keys, shown = np.append(0.0, keys), np.concatenate([np.zeros((1, 3)), shown])
-        self._channel(top, "scale", keys, shown, "STEP")
+        if edges_s[0] > 0:
+            edges_s, shown = np.append(0.0, edges_s), np.concatenate([np.zeros((1, 3)), shown])
+        self._channel(top, "scale", edges_s, shown, "STEP")
 
     def _channel(
         self, node: int, path: str, times_s: Floats, values: Floats, between: str = "LINEAR"
@@ -239,17 +269,20 @@ def quaternions(rotations: Floats) -> Floats:
     """
     from scipy.spatial.transform import Rotation
 
-    found: Floats = Rotation.from_matrix(rotations).as_quat()
+    return continuous(Rotation.from_matrix(rotations).as_quat())
+
+
+def continuous(found: NDArray[Any]) -> NDArray[Any]:
+    """Return `(num_frames, 4)` quaternions, each of the sign that is near the one before."""
     flips = np.sign((found[1:] * found[:-1]).sum(axis=1))
-    found[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0))[:, None]
+    found[1:] *= np.cumprod(np.where(flips < 0, -1, 1)).astype(found.dtype)[:, None]
     return found
 
 
-def _binary(document: dict[str, Any], blob: bytes) -> bytes:
-    """Return the chunks of a .glb file, as section 4.4 of the specification has them."""
+def _binary(document: dict[str, Any], blob: bytearray) -> tuple[bytes | bytearray, ...]:
+    """Return the parts of a .glb file, as section 4.4 of the specification has them."""
     text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    blob += bytes(-len(blob) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text
-    chunks += struct.pack("<I4s", len(blob), b"BIN\0") + blob
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+    text += b" " * (-len(text) % 4)  # every accessor fills whole words of the other chunk
+    head = struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(blob))
+    head += struct.pack("<I4s", len(text), b"JSON") + text
+    return head, struct.pack("<I4s", len(blob), b"BIN\0"), blob

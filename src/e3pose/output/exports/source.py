@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Floats, Integers
 from e3pose.base.errors import InputError
-from e3pose.model.people import People
 from e3pose.model.region import in_rectangle, middles_m
 from e3pose.model.skeleton import BODY_JOINTS, MAX_JOINTS, SKELETONS, Skeleton
-from e3pose.model.take import Motion, Take, kept_rows, motions_of
+from e3pose.model.take import (
+    MEASURED,
+    MISSING,
+    PREDICTED,
+    Motion,
+    Take,
+    kept_rows,
+    motions_of,
+    nowhere,
+)
 from e3pose.output.exports.wide import is_wide, read_wide
 from e3pose.store import Store
 from e3pose.store.answers import StoredPoses, StoredRun
@@ -29,7 +39,9 @@ NEEDED = ("slot", "track", "joint", "x", "y", "z")
 USED = {*NEEDED, "time", "time_ns", "score", "sigma", "measured", "run"}
 NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")  # as Parquet files name them
 MAX_ROWS = 40_000_000  # of a table in memory: as many joints as a store gives at once
+BATCH = 65_536  # rows that are read at a time
 NS = 1_000_000_000
+Parts = Callable[[], Iterator[dict[str, NDArray[Any]]]]  # the columns of some rows at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +120,7 @@ def take_from_table(path: Path, asked: Asked) -> Take:
     """Return the poses of a table of `replay --poses`, `query` or `export`, long or archive.
 
     Frame rate and skeleton follow from the rows: from times and slots, and from the joints' names.
+    Rows are read twice, some at a time: first what there is, then what is asked for.
 
     Raises:
         InputError: when columns are missing, or the rows do not make a take.
@@ -115,43 +128,72 @@ def take_from_table(path: Path, asked: Asked) -> Take:
     for option, value in (("--site", asked.site), ("--run", asked.run)):
         if value is not None:
             raise InputError(f"{option}: found with {path}, expected a store: a table is one run")
-    table = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path)
-    if isinstance(table, Take):
-        return _chosen(path, table, asked)
-    runs = set(np.unique(table["run"]).tolist()) if "run" in table else {0}
+    parts = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path)
+    take = parts if isinstance(parts, Take) else _take_of_rows(path, parts, asked)
+    return _chosen(path, take, asked)
+
+
+def _take_of_rows(path: Path, parts: Parts, asked: Asked) -> Take:
+    """Return the take of a long table, without the people and times that are not asked for."""
+    names: dict[str, int] = {}
+    spans: dict[int, tuple[int, int]] = {}
+    runs, ends = set[int](), list[tuple[int, float]]()
+    for part in parts():
+        runs |= set(np.unique(part.get("run", np.zeros(1))).tolist())
+        _, begins = np.unique(part["joint"], return_index=True)
+        for name in part["names"][part["joint"][np.sort(begins)]].tolist():
+            names.setdefault(name, len(names))
+        slots, tracks = part["slot"].astype(np.int64), part["track"].astype(np.int64)
+        dated = "time_ns" in part
+        times = part["time_ns"].astype(np.int64) if dated else part["time"].astype(np.float64)
+        ends += [(int(slots[i]), times[i].item()) for i in (slots.argmin(), slots.argmax())]
+        for track in np.unique(tracks).tolist():
+            own = slots[tracks == track]
+            found = int(own.min()), int(own.max())
+            low, high = spans.get(track, found)
+            spans[track] = min(low, found[0]), max(high, found[1])
     if len(runs) > 1:
         raise InputError(f"{path}: found rows of {len(runs)} runs, expected one: query --run")
-    skeleton = _skeleton(path, tuple(dict.fromkeys(table["joint"].tolist())))
-    slots = table["slot"].astype(np.int64)
-    interval_s, started_ns = _clock(path, table, slots)
-    keep = _within(slots, interval_s, started_ns, asked, path)
-    index = {name: column for column, name in enumerate(skeleton.joints)}
-    joints = np.array([index[name] for name in table["joint"].tolist()], dtype=np.int64)
-    motions: list[Motion] = []
-    tracks = table["track"].astype(np.int64)
-    for track in np.unique(tracks[keep]).tolist():
-        if asked.tracks and track not in asked.tracks:
-            continue
-        own = np.flatnonzero(keep & (tracks == track))
-        frames, rows = np.unique(slots[own], return_inverse=True)
-        if len(np.unique(rows * len(index) + joints[own])) < len(own):
-            raise InputError(f"{path}: track {track}: found a joint twice in a slot")
-        cells = (rows, joints[own])
-        shape = (len(frames), len(skeleton))
-        joints_m, sigma_m = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-        scores, measured = np.zeros(shape), np.zeros(shape, dtype=bool)
-        joints_m[cells] = np.stack([table[axis][own] for axis in "xyz"], axis=-1)
-        scores[cells] = table["score"][own] if "score" in table else 1.0
-        measured[cells] = table["measured"][own] if "measured" in table else True
-        if "sigma" in table:
-            sigma_m[cells] = table["sigma"][own]
-        ids = np.full(len(frames), track)
-        inside = _inside(joints_m, asked)
-        people = People(ids, joints_m, scores, measured, sigma_m)[inside]
-        motions += motions_of(frames[inside], people)
-    if not motions:
-        raise InputError(f"{path}: found no poses that fit, expected some")
-    return Take(path.stem, skeleton, interval_s, tuple(motions), started_ns)
+    skeleton = _skeleton(path, tuple(names))
+    interval_s, started_ns = _clock(path, ends, dated)
+    first, last = _between(interval_s, started_ns, asked, path)
+    motions: dict[int, Motion] = {}
+    for track, (low, high) in sorted(spans.items()):
+        low, high = max(low, first), min(high, last)
+        if low <= high and track in (asked.tracks or (track,)):
+            motions[track] = nowhere(track, low, high - low + 1, len(skeleton))
+    for part in parts():
+        joints = np.array([skeleton.index(name) for name in part["names"].tolist()])[part["joint"]]
+        slots, tracks = part["slot"].astype(np.int64), part["track"].astype(np.int64)
+        for track in np.unique(tracks).tolist():
+            if motion := motions.get(track):
+                own = (tracks == track) & (slots >= motion.first)
+                own = np.flatnonzero(own & (slots < motion.first + len(motion)))
+                _fill(path, motion, (slots[own] - motion.first, joints[own]), part, own)
+    return Take(path.stem, skeleton, interval_s, tuple(motions.values()), started_ns)
+
+
+def _fill(
+    path: Path,
+    motion: Motion,
+    cells: tuple[Integers, Integers],
+    part: Mapping[str, NDArray[Any]],
+    own: Integers,
+) -> None:
+    """Write rows of a table into a motion, where cells say."""
+    rows, joints = cells
+    twice = len(np.unique(rows * motion.scores.shape[1] + joints)) < len(own)
+    if twice or (motion.origin[cells] != MISSING).any():
+        raise InputError(f"{path}: track {motion.track_id}: found a joint twice in a slot")
+    places_m = np.stack([part[axis][own] for axis in "xyz"], axis=-1).astype(np.float64)
+    scores = part["score"][own] if "score" in part else np.ones(len(own))
+    known = np.isfinite(places_m).all(axis=-1) & (scores > 0)
+    cells, own = (rows[known], joints[known]), own[known]
+    motion.joints_m[cells], motion.scores[cells] = places_m[known], scores[known]
+    measured = part["measured"][own].astype(bool) if "measured" in part else True
+    motion.origin[cells] = np.where(measured, MEASURED, PREDICTED)
+    if "sigma" in part:
+        motion.sigma_m[cells] = part["sigma"][own]
 
 
 def _take_of_run(stored: StoredRun, found: StoredPoses, asked: Asked) -> Take:
@@ -175,25 +217,28 @@ def _inside(joints_m: Floats, asked: Asked) -> NDArray[np.bool_]:
 
 def _chosen(path: Path, take: Take, asked: Asked) -> Take:
     """Return what is asked for of a take."""
+    first, last = _between(take.interval_s, take.started_ns, asked, path)
     motions = []
     for motion in take.motions:
         if asked.tracks and motion.track_id not in asked.tracks:
             continue
         slots = motion.first + np.arange(len(motion), dtype=np.int64)
-        keep = motion.known.any(axis=1) & _inside(motion.joints_m, asked)
-        keep &= _within(slots, take.interval_s, take.started_ns, asked, path)
+        there = motion.known.any(axis=1)
+        keep = there & _inside(motion.joints_m, asked) & (slots >= first) & (slots <= last)
         if keep.any():
-            motions.append(kept_rows(motion, keep))
+            whole = keep[0] and keep[-1] and (keep == there).all()
+            motions.append(motion if whole else kept_rows(motion, keep))
     if not motions:
         raise InputError(f"{path}: found no poses that fit, expected some")
     return replace(take, motions=tuple(motions))
 
 
-def _parquet(path: Path) -> Take | dict[str, NDArray[Any]]:
-    """Return the columns of a table, or all of a wide one.
+def _parquet(path: Path) -> Take | Parts:
+    """Return what reads the columns of a table, or all of a wide one.
 
     Columns and counts are in a file's last bytes: of one that is no such table nothing is read.
     """
+    import pyarrow
     from pyarrow import parquet
 
     with _readable(path), parquet.ParquetFile(path) as file:
@@ -207,15 +252,22 @@ def _parquet(path: Path) -> Take | dict[str, NDArray[Any]]:
             if found.startswith(NUMBERS) is (column.name == "joint"):
                 raise InputError(column.name, found, "numbers, and text as joint", str(path))
         names = [column.name for column in used]
-        return _columns(path, parquet.read_table(path, columns=names, read_dictionary=["joint"]))
+
+    def parts() -> Iterator[dict[str, NDArray[Any]]]:
+        with _readable(path), parquet.ParquetFile(path, read_dictionary=["joint"]) as file:
+            for batch in filter(len, file.iter_batches(BATCH, columns=names)):
+                yield _columns(path, pyarrow.Table.from_batches([batch]))
+
+    return parts
 
 
-def _csv(path: Path) -> dict[str, NDArray[Any]]:
+def _csv(path: Path) -> Parts:
     from pyarrow import csv
 
     with _readable(path):
         _check(path, csv.open_csv(path).schema.names, 1)
-        return _columns(path, csv.read_csv(path))
+        whole = _columns(path, csv.read_csv(path))
+    return lambda: iter((whole,))
 
 
 @contextmanager
@@ -245,11 +297,16 @@ def _check(path: Path, names: Sequence[str], num_rows: int) -> None:
 
 
 def _columns(path: Path, found: Any) -> dict[str, NDArray[Any]]:
+    """Return columns by name; that of joints has indices of `names`."""
     import pyarrow
 
     _check(path, found.column_names, found.num_rows)
+    numbers = USED & set(found.column_names) - {"joint"}
     try:
-        table = {name: found.column(name).to_numpy() for name in USED & set(found.column_names)}
+        joints = found.column("joint").cast(pyarrow.string()).combine_chunks().dictionary_encode()
+        table = {name: found.column(name).to_numpy() for name in numbers}
+        table["names"] = np.array(joints.dictionary.to_pylist(), dtype=object)
+        table["joint"] = joints.indices.to_numpy()
     except (pyarrow.ArrowException, ValueError) as error:
         raise InputError(f"{path}: {str(error)[:120]}, expected a table of poses") from None
     scores = table.get("score", np.ones(1))
@@ -267,32 +324,30 @@ def _skeleton(path: Path, names: tuple[str, ...]) -> Skeleton:
     return min(fitting, key=len) if fitting else Skeleton(path.stem, names, ())
 
 
-def _clock(
-    path: Path, table: dict[str, NDArray[Any]], slots: NDArray[np.int64]
-) -> tuple[float, int | None]:
-    """Return seconds per slot, and when slot 0 was if the table says."""
-    first, last = int(slots.argmin()), int(slots.argmax())
-    count = int(slots[last] - slots[first])
-    if count == 0:
+def _clock(path: Path, ends: Sequence[tuple[int, float]], dated: bool) -> tuple[float, int | None]:
+    """Return seconds per slot, and when slot 0 was if the table says.
+
+    Args:
+        path: of the table.
+        ends: slot and time of rows, the first and the last slot among them.
+        dated: whether times are nanoseconds since 1970, not seconds.
+    """
+    (first, begin), (last, end) = (choose(ends, key=itemgetter(0)) for choose in (min, max))
+    if last == first:
         raise InputError(f"{path}: found one slot, expected two at least, to find the frame rate")
-    if "time_ns" in table:
-        times_ns = table["time_ns"].astype(np.int64)
-        interval_s = float(times_ns[last] - times_ns[first]) / NS / count
-        started_ns: int | None = int(times_ns[first]) - round(int(slots[first]) * interval_s * NS)
-    else:
-        times_s = table["time"].astype(np.float64)
-        interval_s, started_ns = float(times_s[last] - times_s[first]) / count, None
+    interval_s = float(end - begin) / (NS if dated else 1) / (last - first)
     if not 1e-4 < interval_s < 1e4:
         raise InputError(f"{path}: found {interval_s:g} s per slot, expected rising times")
+    started_ns = int(begin) - round(first * interval_s * NS) if dated else None
     return round(interval_s, 9), started_ns
 
 
-def _within(
-    slots: NDArray[np.int64], interval_s: float, started_ns: int | None, asked: Asked, path: Path
-) -> NDArray[np.bool_]:
-    keep = np.ones(len(slots), dtype=bool)
-    now = datetime.now().astimezone()
-    for option, words, later in (("--from", asked.start, False), ("--to", asked.end, True)):
+def _between(
+    interval_s: float, started_ns: int | None, asked: Asked, path: Path
+) -> tuple[int, int]:
+    """Return the first and the last slot that are asked for."""
+    bounds, now = [-(2.0**62), 2.0**62], datetime.now().astimezone()
+    for index, (option, words) in enumerate((("--from", asked.start), ("--to", asked.end))):
         if words is None:
             continue
         when = as_when(words, now)
@@ -301,6 +356,5 @@ def _within(
                 f"{option}: found {words!r}, expected seconds such as 12.5: {path} has no dates"
             )
         ns = when.ns if when.origin == "run" else when.ns - (started_ns or 0)
-        edge = ns / NS / interval_s
-        keep &= (slots <= edge + 1e-6) if later else (slots >= edge - 1e-6)
-    return keep
+        bounds[index] = ns / NS / interval_s
+    return math.ceil(bounds[0] - 1e-6), math.floor(bounds[1] + 1e-6)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Floats, Integers
 from e3pose.model.people import People
 from e3pose.model.skeleton import MEANS, Skeleton
 from e3pose.model.take import MEASURED, MISSING, ORIGINS, Motion, Take
@@ -28,6 +28,7 @@ from e3pose.store.times import iso_text
 
 DECIMALS_M, DECIMALS_DEG = 5, 2
 SIDES = (("left", -1.0), ("right", 1.0))
+CHUNK = 5000  # slots of a person that are written at once: each value is an object
 LEAST_ELEVATION_DEG = 15.0  # below which an arm has no plane of elevation
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -48,11 +49,14 @@ def write_parquet(take: Take, dest: Path, settings: ExportSettings) -> str:
 
 def _tables(take: Take, settings: ExportSettings) -> Iterator[dict[str, Any]]:
     for motion in settings.progress(take.motions, len(take.motions), "write"):
-        yield _columns(take, motion, settings)
+        there = np.flatnonzero(motion.known.any(axis=1))
+        for begin in range(0, len(there), CHUNK):
+            yield _columns(take, motion, there[begin : begin + CHUNK], settings)
 
 
-def _columns(take: Take, motion: Motion, settings: ExportSettings) -> dict[str, Any]:
-    there = np.flatnonzero(motion.known.any(axis=1))
+def _columns(
+    take: Take, motion: Motion, there: Integers, settings: ExportSettings
+) -> dict[str, Any]:
     slots = motion.first + there
     columns: dict[str, Any] = {
         "slot": slots.tolist(),
@@ -66,7 +70,7 @@ def _columns(take: Take, motion: Motion, settings: ExportSettings) -> dict[str, 
     if settings.layout == "long" and not settings.angles:
         people = People(
             np.full(len(there), motion.track_id), motion.joints_m[there],
-            np.where(motion.known, np.maximum(motion.scores, 1e-9), 0.0)[there],
+            np.where(motion.known[there], np.maximum(motion.scores[there], 1e-9), 0.0),
             motion.origin[there] == MEASURED, motion.sigma_m[there],
         )  # fmt: skip
         return long_columns(columns, people, take.skeleton.joints)
@@ -167,7 +171,7 @@ def _trunk(body: _Body) -> dict[str, Floats]:
     left = unit(np.concatenate([hips[:, :2], np.zeros((len(hips), 1))], axis=1))
     ahead = np.cross(left, UP)
     shoulders = body["left_shoulder"] - body["right_shoulder"]
-    heading = [np.unwrap(np.arctan2(each[:, 1], each[:, 0])) for each in (shoulders, hips)]
+    heading = [np.arctan2(each[:, 1], each[:, 0]) for each in (shoulders, hips)]
     twist = (heading[0] - heading[1] + np.pi) % (2 * np.pi) - np.pi
     return {
         "trunk_lean_deg": _degrees(np.arccos(np.clip(trunk[:, 2], -1, 1))),

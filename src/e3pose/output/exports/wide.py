@@ -22,8 +22,8 @@ from e3pose.base.arrays import Floats
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import MAX_JOINTS, Skeleton, own_file, skeleton_of_joints
-from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take
-from e3pose.output.exports.base import MAX_VALUES, ExportSettings
+from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take, nowhere
+from e3pose.output.exports.base import ExportSettings
 
 FORMAT, VERSION = "e3pose-poses-wide", 1
 KEY = b"e3pose"
@@ -227,16 +227,12 @@ def _motion(
     if (np.diff(slots) == 0).any():
         raise InputError(f"{path}: track {track}: found a slot twice, expected one row each")
     rows = slots - slots[0]
-    shape = (int(rows[-1]) + 1, values.shape[1])
-    if 3 * shape[0] * shape[1] > MAX_VALUES:
-        raise InputError(f"{path}: track {track}: found {shape[0]} slots, expected fewer")
-    joints_m, sigma_m = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
-    origins = np.full(shape, MISSING, dtype=np.uint8)
-    joints_m[rows], sigma_m[rows] = values[order, :, :3], values[order, :, 3]
-    origins[rows] = origin[order]
-    joints_m[origins == MISSING], sigma_m[origins == MISSING] = np.nan, np.nan
-    scores = np.where(origins == MISSING, 0.0, UNKNOWN_SCORE)
-    return Motion(track, int(slots[0]), joints_m, sigma_m, scores, origins)
+    made = nowhere(track, int(slots[0]), int(rows[-1]) + 1, values.shape[1])
+    made.joints_m[rows], made.sigma_m[rows] = values[order, :, :3], values[order, :, 3]
+    made.origin[rows] = origin[order]
+    made.joints_m[~made.known], made.sigma_m[~made.known] = np.nan, np.nan
+    made.scores[made.known] = UNKNOWN_SCORE
+    return made
 
 
 def _checked(path: Path, text: bytes) -> dict[str, Any]:
