@@ -352,7 +352,10 @@ def _results(steps: Steps, recording: Path, rig: Path) -> None:
     if steps.options.until != "export":
         return
     for suffix in ("trc", "mot", "glb", "c3d"):
-        steps.run("export", ["export", poses, out / f"poses.{suffix}"], [poses], poses)
+        try:
+            steps.run("export", ["export", poses, out / f"poses.{suffix}"], [poses], poses)
+        except InputError as error:  # such as more frames than the format can hold
+            warn(f"{out}: left out poses.{suffix}: {error}")
     angles = out / "angles.csv"
     steps.run("export", ["export", poses, angles, "--angles"], [poses], angles)
     if (model := steps.options.opensim) is not None:
