@@ -1,21 +1,34 @@
 """How long `e3pose reconstruct` takes beside the network alone, on the same frames, and its memory.
 
     python lab/benchmarks/reconstruct_speed.py CALIBRATION FILM...
+    python lab/benchmarks/reconstruct_speed.py --memory [SLOTS SLOTS]
 
 Each runs in a process of its own, one after the other: the whole; the network with frames that are
 decoded beforehand, one look at a time on all cores; and as many looks at a time as there are cores.
 Prints their seconds, the ratio of the whole to each network, what the whole takes of the
 processor, and its peak memory.
+
+With `--memory` each step of it runs in a process of its own on two made-up scenes of four cameras
+and three people, one longer than the other. Prints the megabytes of each, how many kilobytes a slot
+more takes, and the megabytes that an hour of 30 slots per second then takes.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from e3pose.recording import Recording, load_recording, save_recording
+from e3pose.recording.record import ViewSeries
 
 ALONE = """
 import sys, time
@@ -35,6 +48,85 @@ for film in sys.argv[2:]:
         spent_s, frames = spent_s + time.perf_counter() - begun_s, frames + len(images)
 print(spent_s, frames)
 """
+
+
+HOUR = 108_000  # slots, 30 per second
+STEPS = {  # of `reconstruct`; @ is the folder of the recording
+    "detect": "detect a=@F.mp4 b=@F.mp4 c=@F.mp4 d=@F.mp4 @found --model drawn_people:Three",
+    "calibrate": "calibrate extrinsics @R @rig.toml --height 171cm --force",
+    "poses": "replay @R --cameras all --smooth rts --hold-out each --poses @p.parquet "
+    "--report @r.html --json @f.json",
+    **{form: f"export @p.parquet @p.{form}" for form in ("trc", "mot", "glb", "c3d")},
+    "angles": "export @p.parquet @angles.csv --angles",
+}
+THREE = """
+import numpy as np
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+class Three:
+    skeleton = COCO17
+    def detect(self, image):
+        return Poses2D(np.full((3, 17, 2), 9.0), np.ones((3, 17)))
+"""
+
+
+def made_up(folder: Path, num_slots: int) -> None:
+    """Write a recording in which people walk to and fro, and a film of as many pictures."""
+    words = ["simulate", folder / "short", "--people", 3, "--cameras", 4, "--seconds", 20]
+    _e3pose([*map(str, words), "--fps", "30", "--seed", "701"])
+    short = load_recording(folder / "short")
+    back = 2 * short.num_slots - 2
+    order = np.abs((np.arange(num_slots) + short.num_slots - 1) % back - short.num_slots + 1)
+    views = []
+    for series in short.views:
+        frames = np.searchsorted(series.slots, order)
+        counts = np.diff(series.starts)[frames]
+        rows = [np.arange(series.starts[i], series.starts[i + 1]) for i in frames.tolist()]
+        starts, people = np.concatenate([[0], np.cumsum(counts)]), np.concatenate(rows)
+        slots = np.arange(num_slots)
+        places = series.keypoints_px[people], series.scores[people]
+        views.append(ViewSeries(slots, slots / short.fps, starts, *places))
+    long: Recording = replace(short, num_slots=num_slots, views=tuple(views), truth=None)
+    save_recording(long, folder / "R")
+    import av
+
+    with av.open(str(folder / "F.mp4"), "w") as file:
+        stream = file.add_stream("mpeg4", rate=30)
+        stream.width, stream.height = 64, 48
+        for _ in range(num_slots):
+            file.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
+        file.mux(stream.encode(None))
+    (folder / "drawn_people.py").write_text(THREE)
+
+
+def memory(lengths: tuple[int, int]) -> None:
+    """Measure each step, and print JSON."""
+    found: dict[str, list[float]] = {name: [] for name in STEPS}
+    for num_slots in lengths:
+        with tempfile.TemporaryDirectory() as made:
+            folder = Path(made)
+            made_up(folder, num_slots)
+            for name, step in STEPS.items():
+                words = step.replace("@", f"{folder}/").split()
+                found[name].append(_e3pose(words, folder))
+    for name, mb in found.items():
+        slope = (mb[1] - mb[0]) / (lengths[1] - lengths[0])
+        hour = round(mb[1] + slope * (HOUR - lengths[1]))
+        said = {"step": name, "mb": [*map(round, mb)], "kb_a_slot": round(1e3 * slope, 1)}
+        print(json.dumps({**said, "mb_of_an_hour": hour}))
+
+
+def _e3pose(words: list[str], path: Path | None = None) -> float:
+    """Run a command; return its peak memory in megabytes."""
+    begun = subprocess.Popen(
+        [sys.executable, "-m", "e3pose", *words],
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": str(path or "")},
+    )
+    _, status, used = os.wait4(begun.pid, 0)
+    if status:
+        raise SystemExit(f"e3pose {' '.join(words)}: code {os.waitstatus_to_exitcode(status)}")
+    return used.ru_maxrss / 1e3
 
 
 def main(calibration: str, *films: str) -> None:
@@ -63,4 +155,7 @@ def main(calibration: str, *films: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    if sys.argv[1:2] == ["--memory"]:
+        memory((*map(int, sys.argv[2:4]),) if sys.argv[2:] else (2000, 6000))  # type: ignore[arg-type]
+    else:
+        main(*sys.argv[1:])
