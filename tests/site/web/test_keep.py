@@ -7,7 +7,9 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -20,6 +22,7 @@ import e3pose.site.keep.jobs as limits
 from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.keep.jobs import CUT_OFF, KEPT_S, Jobs
+from e3pose.site.keep.making import make
 from e3pose.site.keep.request import FORMS, ExportRequest
 from e3pose.store import Event, Run, Store, StoreWriter
 
@@ -79,6 +82,13 @@ def content(client: httpx.Client, job: dict[str, Any], index: int = 0) -> bytes:
     return answer.content
 
 
+@pytest.fixture(scope="module")
+def job(watched: Watched) -> dict[str, Any]:
+    """What a program of its own made, under a name that is a path."""
+    with watched.client(watched.view.tokens.write) as client:
+        return made(client, form="csv", tracks=[11], name="../../etc/passwd")
+
+
 def test_clips_are_marked_named_noted_and_removed(operator: httpx.Client) -> None:
     clip = operator.post("/api/control/clips", json={"name": "walk", **BOUNDS}).json()
     changes = {"name": "<i>run</i>", "note": "two\nlines"}
@@ -106,42 +116,43 @@ def test_what_is_stored_of_a_clip_is_deleted_if_asked_for(tmp_path: Path) -> Non
     assert said[1].startswith(f"page: 127.0.0.1 deleted what was stored of clip {clip['number']}")
 
 
+def make_in(folder: Path, watched: Watched, form: str, **more: Any) -> list[Path]:
+    """Make files as the program of a job does; return them."""
+    request = ExportRequest(form, **{"name": "walk", **BOUNDS, **more})
+    names, _ = make(request, watched.folder / "site.toml", folder, lambda doing, share: None)
+    return [folder / name for name in names]
+
+
 FIRST = {
     "c3d": b"\x02\x50", "gltf": b"glTF", "bvh": b"HIERARCHY", "csv": b"slot,", "parquet": b"PAR1",
     "mcap": b"\x89MCAP0\r\n", "report": b"<!doctype html>", "trc": b"PathFileType",
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("form", sorted(FORMS))
-def test_every_form_is_made_and_downloaded(operator: httpx.Client, form: str) -> None:
-    job = made(operator, form=form)
-    assert job["state"] == "done", job
-    assert {file["name"] for file in job["files"]} == (
+@each_case("form", sorted(FORMS))
+def test_every_form_is_made(watched: Watched, tmp_path: Path, form: str) -> None:
+    files = make_in(tmp_path, watched, form)
+    assert {file.name for file in files} == (
         {f"walk-track{track}{FORMS[form].suffix}" for track in (10, 11)}
         if form in ("trc", "bvh")
         else {f"walk{FORMS[form].suffix}"}
     )
-    assert content(operator, job).startswith(FIRST[form])
-    assert job["until_s"] == pytest.approx(time.time() + KEPT_S, abs=300)
+    assert files[0].read_bytes().startswith(FIRST[form])
 
 
-def test_people_are_chosen_and_poses_smoothed(operator: httpx.Client) -> None:
-    one = content(operator, made(operator, form="csv", tracks=[11])).decode().splitlines()
-    assert len(one) == 1 + 31 and all(line.split(",")[3] == "11" for line in one[1:])
-    smooth = made(operator, form="csv", tracks=[11], smooth=True)
-    assert content(operator, smooth).decode().splitlines() != one
-    nobody = made(operator, form="csv", tracks=[99])
-    assert nobody["state"] == "failed" and "no poses that fit" in nobody["doing"]
-    assert nobody["files"] == [] and "/" not in nobody["doing"]
-    empty = made(operator, form="report", start_ns=1, end_ns=2)
-    assert empty["state"] == "failed" and empty["doing"].startswith("no slot of site lab was")
+def test_poses_are_smoothed_and_an_empty_time_is_told(watched: Watched, tmp_path: Path) -> None:
+    (file,) = make_in(tmp_path, watched, "csv", tracks=(11,))
+    one = file.read_text()
+    (file,) = make_in(tmp_path, watched, "csv", tracks=(11,), smooth=True)
+    assert file.read_text() != one
+    with pytest.raises(InputError, match=r"no slot of site lab was"):
+        make_in(tmp_path, watched, "report", start_ns=1, end_ns=2)
 
 
-def test_mcap_holds_slots_zones_and_events(operator: httpx.Client, tmp_path: Path) -> None:
+def test_mcap_holds_slots_zones_and_events(watched: Watched, tmp_path: Path) -> None:
     from mcap.reader import make_reader
 
-    path = tmp_path / "walk.mcap"
-    path.write_bytes(content(operator, made(operator, form="mcap", tracks=[10])))
+    (path,) = make_in(tmp_path, watched, "mcap", tracks=(10,))
     seen: dict[str, list[Any]] = {}
     with path.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages():
@@ -156,6 +167,24 @@ def test_mcap_holds_slots_zones_and_events(operator: httpx.Client, tmp_path: Pat
     assert min(times) == STARTED_NS
 
 
+def test_file_of_chosen_people_is_in_the_folder_of_its_job(
+    operator: httpx.Client, watched: Watched, job: dict[str, Any]
+) -> None:
+    assert job["state"] == "done", job
+    assert [file["name"] for file in job["files"]] == ["etc-passwd.csv"]
+    lines = content(operator, job).decode().splitlines()
+    assert len(lines) == 1 + 31 and all(line.split(",")[3] == "11" for line in lines[1:])
+    assert job["until_s"] == pytest.approx(time.time() + KEPT_S, abs=300)
+    (file,) = watched.folder.rglob("*passwd*")
+    assert file.parent == watched.folder / "view-files" / job["number"]
+
+
+def test_job_that_finds_nobody_says_so(operator: httpx.Client) -> None:
+    nobody = made(operator, form="csv", tracks=[99])
+    assert nobody["state"] == "failed" and "no poses that fit" in nobody["doing"]
+    assert nobody["files"] == [] and "/" not in nobody["doing"]
+
+
 @each_case(
     "name",
     [
@@ -168,27 +197,15 @@ def test_no_name_is_a_path(name: str) -> None:
     assert re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]*\.csv", file)
 
 
-def test_files_of_a_hostile_name_are_in_the_folder_of_their_job(
-    operator: httpx.Client, watched: Watched
-) -> None:
-    before = {path for path in watched.folder.rglob("*") if "view-files" not in path.parts}
-    job = made(operator, form="csv", name="../../etc/passwd")
-    assert [file["name"] for file in job["files"]] == ["etc-passwd.csv"]
-    content(operator, job)
-    after = {path for path in watched.folder.rglob("*") if "view-files" not in path.parts}
-    assert {path for path in after - before if ".db" not in path.name} == set()
-
-
-def test_only_files_that_jobs_made_are_served(operator: httpx.Client) -> None:
-    job = made(operator, form="csv")
+def test_only_files_that_jobs_made_are_served(operator: httpx.Client, job: dict[str, Any]) -> None:
     for path in (
-        "job.json", "../job.json", "..%2f..%2flab.db", "%2e%2e/lab.db", "walk.csv%00.txt",
+        "job.json", "../job.json", "..%2f..%2flab.db", "%2e%2e/lab.db", "etc-passwd.csv%00.txt",
         "..%5c..%5clab.db", "", "%2fetc%2fpasswd",
     ):  # fmt: skip
         answer = operator.get(f"/api/jobs/{job['number']}/{path}")
         assert answer.status_code in (404, 422), (path, answer.text)
     for number in ("0" * 16, "..", "%2e%2e", job["number"].upper() + "x"):
-        answer = operator.get(f"/api/jobs/{number}/walk.csv")
+        answer = operator.get(f"/api/jobs/{number}/etc-passwd.csv")
         assert answer.status_code in (404, 422), number
 
 
@@ -218,9 +235,8 @@ def test_what_cannot_be_made_is_refused_at_once(
 
 
 def test_viewers_see_and_download_and_change_nothing(
-    watched: Watched, operator: httpx.Client
+    watched: Watched, operator: httpx.Client, job: dict[str, Any]
 ) -> None:
-    job = made(operator, form="csv")
     clip = operator.post("/api/control/clips", json={"name": "walk", **BOUNDS}).json()
     for token, status in (("", 401), (watched.view.tokens.read, 403), ("y" * 32, 401)):
         with watched.client(token) as client:
@@ -254,156 +270,174 @@ def test_recordings_are_listed_and_deleted_by_their_names_alone(
     assert [one["name"] for one in operator.get("/api/recordings").json()] == names[:1]
 
 
-# ---- jobs across programs, disks and days
+# ---- jobs across programs, disks and days; a script is in place of the program that makes files
 
-
-@pytest.fixture
-def site(tmp_path: Path) -> Iterator[Path]:
-    with watched_site(tmp_path):
-        yield tmp_path
-
-
-@pytest.fixture
-def jobs(site: Path) -> Iterator[Jobs]:
-    made = Jobs(site / "files", site / "site.toml")
-    yield made
-    made.close()
-
-
+MAKES = """#!/bin/sh
+cat > "$3/walk.csv"
+echo '{"doing": "reading", "share": null}'
+echo '{"files": ["walk.csv"], "note": "1 row"}'
+"""
+WORKS_ON = MAKES.splitlines()[0] + '\ncat > "$3/walk.csv"\nexec sleep 60\n'
 WISH = ExportRequest("csv", "walk", STARTED_NS, END_NS)
+
+
+@dataclass
+class Desk:
+    """A folder of jobs, and what makes their files."""
+
+    folder: Path
+    program: Path
+    now_s: float = 1000.0
+    opened: list[Jobs] = field(default_factory=list)
+
+    def open(self) -> Jobs:
+        jobs = Jobs(self.folder, self.folder / "site.toml", now_s=lambda: self.now_s)
+        self.opened.append(jobs)
+        return jobs
+
+    def runs(self, script: str) -> None:
+        self.program.write_text(script)
+        self.program.chmod(0o700)
+
+    def done(self, jobs: Jobs) -> str:
+        """Have a file made; return its number."""
+        number = jobs.add(WISH).number
+        assert until(jobs, number, "done")
+        return number
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
+    made = Desk(tmp_path / "files", tmp_path / "program")
+    made.runs(MAKES)
+    monkeypatch.setattr(limits, "sys", SimpleNamespace(executable=str(made.program)))
+    yield made
+    for jobs in made.opened:
+        jobs.close()
 
 
 def state_of(jobs: Jobs, number: str) -> str:
     return next((job.state for job in jobs.all() if job.number == number), "gone")
 
 
-def until(jobs: Jobs, number: str, *states: str) -> bool:
-    return eventually(lambda: state_of(jobs, number) in states, 60.0)
+def until(jobs: Jobs, number: str, state: str) -> bool:
+    return eventually(lambda: state_of(jobs, number) == state)
 
 
-def test_jobs_are_there_for_the_next_program_which_says_what_was_cut_off(site: Path) -> None:
-    jobs = Jobs(site / "files", site / "site.toml")
-    done = jobs.add(WISH)
-    assert until(jobs, done.number, "done")
-    cut = [jobs.add(WISH) for _ in range(3)]
+def test_jobs_are_there_for_the_next_program_which_says_what_was_cut_off(desk: Desk) -> None:
+    jobs = desk.open()
+    done = desk.done(jobs)
+    desk.runs(WORKS_ON)
+    cut = [jobs.add(WISH).number for _ in range(3)]
+    assert until(jobs, cut[0], "working")
     jobs.close()
-    again = Jobs(site / "files", site / "site.toml")
-    try:
-        found = {job.number: job for job in again.all()}
-        assert found[done.number].state == "done"
-        assert again.file(done.number, "walk.csv").is_file()
-        for one in cut[1:]:
-            assert (found[one.number].state, found[one.number].doing) == ("failed", CUT_OFF)
-            assert [path.name for path in (site / "files" / one.number).iterdir()] == ["job.json"]
-    finally:
-        again.close()
+    again = desk.open()
+    found = {job.number: job for job in again.all()}
+    assert found[done].state == "done" and again.file(done, "walk.csv").is_file()
+    for one in cut:
+        assert (found[one].state, found[one].doing) == ("failed", CUT_OFF)
+        assert [path.name for path in (desk.folder / one).iterdir()] == ["job.json"]
 
 
-def test_a_second_program_of_the_site_says_that_there_is_another(site: Path, jobs: Jobs) -> None:
-    done = jobs.add(WISH)
-    assert until(jobs, done.number, "done")
-    second = Jobs(site / "files", site / "site.toml")
+def test_a_second_program_of_the_site_says_that_there_is_another(desk: Desk) -> None:
+    jobs = desk.open()
+    done = desk.done(jobs)
+    second = desk.open()
     assert second.all() == [] and "jobs" in second.why
     with pytest.raises(InputError):
         second.add(WISH)
     second.close()
-    assert jobs.file(done.number, "walk.csv").is_file()
+    assert jobs.file(done, "walk.csv").is_file()
 
 
-def test_files_go_a_day_after_they_were_made(site: Path) -> None:
-    now_s = [1000.0]
-    jobs = Jobs(site / "files", site / "site.toml", now_s=lambda: now_s[0])
-    try:
-        job = jobs.add(WISH)
-        assert until(jobs, job.number, "done")
-        now_s[0] += KEPT_S - 1
-        assert jobs.file(job.number, "walk.csv").is_file()
-        now_s[0] += 2
-        assert jobs.all() == [] and not (site / "files" / job.number).exists()
-        with pytest.raises(InputError, match="expected one that a job made"):
-            jobs.file(job.number, "walk.csv")
-    finally:
-        jobs.close()
+def test_files_go_a_day_after_they_were_made(desk: Desk) -> None:
+    jobs = desk.open()
+    done = desk.done(jobs)
+    desk.now_s += KEPT_S - 1
+    assert jobs.file(done, "walk.csv").is_file()
+    desk.now_s += 2
+    assert jobs.all() == [] and not (desk.folder / done).exists()
+    with pytest.raises(InputError, match="expected one that a job made"):
+        jobs.file(done, "walk.csv")
 
 
-def test_a_job_is_removed_while_it_works_and_the_next_one_is_made(site: Path, jobs: Jobs) -> None:
-    first, second = jobs.add(WISH), jobs.add(WISH)
-    assert until(jobs, first.number, "working", "done")
-    jobs.remove(first.number)
-    assert not (site / "files" / first.number).exists()
-    assert until(jobs, second.number, "done")
-    assert state_of(jobs, first.number) == "gone"
-    assert eventually(lambda: not (site / "files" / first.number).exists())
+def test_a_job_is_removed_while_it_works_and_the_next_one_is_made(desk: Desk) -> None:
+    desk.runs(WORKS_ON)
+    jobs = desk.open()
+    first = jobs.add(WISH).number
+    assert eventually((desk.folder / first / "walk.csv").is_file)
+    desk.runs(MAKES)
+    second = jobs.add(WISH).number
+    jobs.remove(first)
+    assert not (desk.folder / first).exists()
+    assert until(jobs, second, "done")
+    assert state_of(jobs, first) == "gone"
+    assert eventually(lambda: not (desk.folder / first).exists())
     with pytest.raises(InputError, match="job: found"):
         jobs.remove("../..")
 
 
-def test_folder_disk_and_queue_are_bounded(jobs: Jobs, monkeypatch: pytest.MonkeyPatch) -> None:
-    done = jobs.add(WISH)
-    assert until(jobs, done.number, "done")
-    with monkeypatch.context() as small:
-        small.setattr(limits, "MOST_BYTES", 10)
-        with pytest.raises(InputError, match="remove some"):
-            jobs.add(WISH)
-    with monkeypatch.context() as full:
-        full.setattr(limits, "LEAST_FREE", 10**18)
-        with pytest.raises(InputError, match=r"the disk has \d+ MB left"):
-            jobs.add(WISH)
-    with monkeypatch.context() as few:
-        few.setattr(limits, "MOST_JOBS", 1)
-        with pytest.raises(InputError, match="remove some, or wait"):
-            jobs.add(WISH)
-
-
-def test_what_grows_too_large_is_ended(
-    site: Path, jobs: Jobs, monkeypatch: pytest.MonkeyPatch
+@each_case(
+    ("limit", "value", "words"),
+    [
+        ("MOST_BYTES", 10, "remove some"),
+        ("LEAST_FREE", 10**18, r"the disk has \d+ MB left"),
+        ("MOST_JOBS", 1, "remove some, or wait"),
+    ],
+)
+def test_folder_disk_and_queue_are_bounded(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch, limit: str, value: int, words: str
 ) -> None:
+    jobs = desk.opened[0] if desk.opened else desk.open()
+    if not jobs.all():
+        desk.done(jobs)
+    monkeypatch.setattr(limits, limit, value)
+    with pytest.raises(InputError, match=words):
+        jobs.add(WISH)
+
+
+def test_what_grows_too_large_is_ended(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(limits, "LOOK_S", 0.001)
-    job = jobs.add(WISH)
-    assert until(jobs, job.number, "working", "done")
+    desk.runs(WORKS_ON)
+    jobs = desk.open()
+    number = jobs.add(WISH).number
+    assert until(jobs, number, "working")
     monkeypatch.setattr(limits, "LEAST_FREE", 10**18)
-    again = "done" if state_of(jobs, job.number) == "done" else "failed"
-    assert until(jobs, job.number, again)
-    if again == "failed":
-        (found,) = jobs.all()
-        assert "MB left" in found.doing and found.files == ()
-        assert os.listdir(site / "files" / job.number) == ["job.json"]
+    assert until(jobs, number, "failed")
+    (found,) = jobs.all()
+    assert "MB left" in found.doing and found.files == ()
+    assert os.listdir(desk.folder / number) == ["job.json"]
 
 
 def test_a_folder_that_cannot_be_written_is_told(
-    site: Path, jobs: Jobs, monkeypatch: pytest.MonkeyPatch
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
+    jobs = desk.open()
     monkeypatch.setattr(limits, "make_folder", full)
     with pytest.raises(InputError, match="No space left on device") as refused:
         jobs.add(WISH)
-    assert str(site) not in str(refused.value)
+    assert str(desk.folder) not in str(refused.value)
     assert jobs.all() == []
 
 
-def test_what_lies_among_jobs_and_is_none_is_left_alone(site: Path) -> None:
-    folder = site / "files"
+def test_what_lies_among_jobs_and_is_none_is_left_alone(desk: Desk) -> None:
     odd: dict[str, Callable[[dict[str, Any]], object]] = {
         "0" * 16: lambda job: {**job, "files": [["../../lab.db", 1]]},
         "1" * 16: lambda job: {**job, "request": {**job["request"], "form": "exe"}},
         "2" * 16: lambda job: [],
         "not-a-job": lambda job: job,
     }
-    jobs = Jobs(folder, site / "site.toml")
-    made = jobs.add(WISH)
-    assert until(jobs, made.number, "done")
+    jobs = desk.open()
+    made = desk.done(jobs)
     jobs.close()
-    told = json.loads((folder / made.number / "job.json").read_text())
+    told = json.loads((desk.folder / made / "job.json").read_text())
     for name, change in odd.items():
-        (folder / name).mkdir()
-        (folder / name / "job.json").write_text(json.dumps(change(told)))
-    (folder / ("3" * 16)).mkdir()
-    (folder / ("3" * 16) / "job.json").write_bytes(b"\xff" * 100)
-    again = Jobs(folder, site / "site.toml")
-    try:
-        assert [job.number for job in again.all()] == [made.number]
-        assert all((folder / name / "job.json").is_file() for name in odd)
-    finally:
-        again.close()
+        (desk.folder / name).mkdir()
+        (desk.folder / name / "job.json").write_text(json.dumps(change(told)))
+    (desk.folder / ("3" * 16)).mkdir()
+    (desk.folder / ("3" * 16) / "job.json").write_bytes(b"\xff" * 100)
+    assert [job.number for job in desk.open().all()] == [made]
+    assert all((desk.folder / name / "job.json").is_file() for name in odd)
