@@ -22,7 +22,7 @@ from e3pose.camera.look_times import LookTimes, taken
 from e3pose.camera.orientation import turned
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import Picture, SlotGrid, frames_in_slots
-from e3pose.camera.source import ImageFolder, Source, open_sources
+from e3pose.camera.source import Frame, ImageFolder, Source, open_sources
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector, looks_at_a_time, threads_of
 from e3pose.detectors.focus import check_feedback, detect_expected
@@ -440,7 +440,7 @@ class _Run:
 
         def look(found: tuple[int, float, Picture]) -> tuple[int, float, Poses2D, float]:
             begun_s = now_s()
-            poses = detector.detect(found[2].image)
+            poses = _look(detector, found[2])
             return found[0], found[1], poses, now_s() - begun_s
 
         with times.awake(), self.work.path(camera_id).open("ab", buffering=0) as file:
@@ -461,6 +461,19 @@ class _Run:
     def _pass(self, camera_id: str) -> None:
         self._report(camera_id, self.expected[camera_id])
         self.before += self.expected[camera_id]
+
+
+def _look(detector: Detector, picture: Picture) -> Poses2D:
+    """Return the people in a picture, which gets the size of the network's input at once."""
+    size_of = getattr(detector, "content_size", None)
+    if size_of is None or not isinstance(picture, Frame):
+        return detector.detect(picture.image)
+    size = size_of(picture.size)
+    if size[0] >= picture.size[0]:
+        return detector.detect(picture.image)
+    found = detector.detect(picture.shrunk(size))
+    keypoints_px = (found.keypoints_px + 0.5) * np.divide(picture.size, size) - 0.5
+    return Poses2D(keypoints_px, found.scores)
 
 
 def _expected(settings: DetectSettings, sources: Mapping[str, Source], grid: SlotGrid) -> list[int]:

