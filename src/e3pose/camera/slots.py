@@ -160,12 +160,22 @@ class SlotReader:
         self._slot: int | None = None
         self._frame: Frame | None = None
 
-    def newest(self, slot: int) -> Image | None:
-        """Return the image of a slot, or that of the last slot before it that has one."""
+    def newest(self, slot: int, most_px: int | None = None) -> Image | None:
+        """Return the image of a slot, or that of the last slot before it that has one.
+
+        Args:
+            slot: the slot.
+            most_px: height to which a higher image shrinks; None for the image as it is.
+        """
         while self._next is not None and self._next[0] <= slot:
             self._slot, self._frame = self._next[0], self._next[2]
             self._next = next(self._frames, None)
-        return None if self._frame is None else self._frame.image
+        if self._frame is None:
+            return None
+        width, height = self._frame.size
+        if most_px is None or height <= most_px:
+            return self._frame.image
+        return self._frame.shrunk((max(1, round(width * most_px / height)), most_px))
 
     def image(self, slot: int) -> Image | None:
         """Return the `(height, width, 3)` RGB image of a slot; None where it has none."""

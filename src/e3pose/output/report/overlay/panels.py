@@ -12,6 +12,7 @@ from e3pose.camera.provenance import Provenance
 from e3pose.camera.slots import SlotReader
 from e3pose.model.blind_slot import WORDS
 from e3pose.model.camera import Camera
+from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.figures import BLIND
 from e3pose.output.report.overlay.draw import Image, draw_poses, reproject, track_color
@@ -22,6 +23,7 @@ BORDER_PX = 4
 GAP_PX = 4
 AWAKE_COLOR = (80, 220, 100)
 BLIND_COLOR = tuple(bytes.fromhex(BLIND.removeprefix("#")))
+DRAWN = 2  # times as large as it is shown: so large a picture is drawn on
 LABEL_HEIGHT = 0.035  # of the panel
 CAPITAL_PX = 22  # height of OpenCV's capitals at size 1
 
@@ -63,7 +65,7 @@ def overlay_images(
             if name not in readers:
                 readers[name] = SlotReader(recording, index, folder, provenance, record.slot)
             camera = recording.rig.cameras[index]
-            image = readers[name].newest(record.slot)
+            image = readers[name].newest(record.slot, DRAWN * height_px)
             if image is None:
                 width, height = camera.image_size
                 image = np.zeros((height, width, 3), dtype=np.uint8)
@@ -93,9 +95,12 @@ def _panel(
     awake = bool(record.selected[index]) and not record.blind
     if not awake:
         image = (image * ASLEEP_BRIGHTNESS).astype(np.uint8)
-    # Lines are drawn at full size and shrink with the picture.
+    # Lines are drawn larger and shrink with the picture.
     colors = [track_color(int(track_id)) for track_id in record.people.track_ids]
-    drawn = draw_poses(image, reproject(record.people, camera), recording.skeleton, colors)
+    poses = reproject(record.people, camera)
+    places_px = (poses.keypoints_px + 0.5) * (image.shape[0] / camera.image_size[1]) - 0.5
+    poses = Poses2D(places_px, poses.scores)
+    drawn = draw_poses(image, poses, recording.skeleton, colors)
     panel = cv2.resize(drawn, (width_px, height_px), interpolation=cv2.INTER_AREA)
     text = f"{camera.camera_id} {camera_word(record, index)}"
     size = LABEL_HEIGHT * height_px / CAPITAL_PX
