@@ -106,6 +106,46 @@ def test_recording_holds_the_poses_of_every_frame_at_its_time(tmp_path: Path) ->
     assert all(each.look_s > 0 and each.frame_s > 0 for each in took.values())
 
 
+class Spot:
+    """Sees one person whose nose is the middle of what is bright, in images of a third."""
+
+    skeleton, seen = COCO17, set[tuple[int, ...]]()
+
+    def content_size(self, image_size: tuple[int, int]) -> tuple[int, int]:
+        return image_size[0] // 3, image_size[1] // 3
+
+    def detect(self, image: np.ndarray[Any, Any]) -> Poses2D:
+        self.seen.add(image.shape)
+        bright = image.mean(axis=-1) - image.min()
+        y, x = np.indices(bright.shape)
+        keypoints, scores = np.full((1, 17, 2), np.nan), np.zeros((1, 17))
+        keypoints[0, 0] = (bright * x).sum() / bright.sum(), (bright * y).sum() / bright.sum()
+        scores[0, 0] = 0.5
+        return Poses2D(keypoints, scores)
+
+
+@pytest.mark.parametrize("rotation", [0, 90])
+def test_keypoints_of_shrunk_frames_are_in_pixels_of_the_film(
+    tmp_path: Path, rotation: int
+) -> None:
+    with av.open(str(tmp_path / "cam1.mp4"), "w") as container:
+        stream = container.add_stream("mpeg4", rate=20)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 96, 48, "yuv420p", 4_000_000
+        if rotation:
+            stream.set_display_rotation(rotation)
+        image = np.full((48, 96, 3), 20, dtype=np.uint8)
+        image[30:36, 60:72] = 220  # its middle is 65.5, 32.5
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
+    detector = Spot()
+    detector.seen.clear()
+    detect_videos([tmp_path / "cam1.mp4"], None, detector, tmp_path / "out")
+    nose = load_recording(tmp_path / "out").views[0].keypoints_px[0, 0]
+    wanted, size = ((65.5, 32.5), (16, 32, 3)) if not rotation else ((32.5, 29.5), (32, 16, 3))
+    assert detector.seen == {size}
+    np.testing.assert_allclose(nose, wanted, atol=0.2)
+
+
 def test_settings_choose_the_frames(tmp_path: Path) -> None:
     dest = tmp_path / "out"
     settings = DetectSettings(

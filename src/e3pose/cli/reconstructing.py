@@ -348,7 +348,7 @@ def _results(steps: Steps, recording: Path, rig: Path) -> None:
              "--report", out / "report.html", "--json", out / "figures.json"]  # fmt: skip
     words += ["--hold-out", "each"] if cameras > 2 else []
     words += [] if steps.options.people is None else ["--people", steps.options.people]
-    steps.run("poses", words, [recording / "keypoints", rig], poses, parts=1 + cameras)
+    steps.run("poses", words, [recording / "keypoints", rig], poses, parts=1 + (cameras > 2))
     if steps.options.until != "export":
         return
     for suffix in ("trc", "mot", "glb", "c3d"):

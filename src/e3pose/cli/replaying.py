@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
@@ -13,6 +16,7 @@ from cyclopts import Parameter
 from e3pose.base.disk_list import DiskList
 from e3pose.base.errors import Exit, InputError
 from e3pose.base.quantities import duration_s, plural, shell
+from e3pose.base.system import num_cores
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
@@ -30,12 +34,12 @@ from e3pose.cli.options import (
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.placed import load_placed, warn_of_problems
-from e3pose.cli.progress import track_progress
+from e3pose.cli.progress import bar, track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions, stored
 from e3pose.estimate.smooth.delayed import lag_slots
 from e3pose.evaluate.detect_again import open_pixels
-from e3pose.evaluate.figures import Summary, as_json
+from e3pose.evaluate.figures import HeldOut, Summary, as_json
 from e3pose.evaluate.held_out import doubts_of, joined, judge, turns
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
 from e3pose.evaluate.replay import replay as run_replay
@@ -61,6 +65,8 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording
     from e3pose.settings.energy import EnergyPlan
     from e3pose.settings.loop import ReplaySettings
+
+    Step = Callable[[SlotRecord], SlotRecord]
 
 LOOP, ENERGY, FAULTS, STORE = LoopOptions(), EnergyOptions(), FaultOptions(), StoreOptions()
 SMOOTH = SmoothOptions()
@@ -200,11 +206,10 @@ def replay(
         (source, judges), *others = turns(whole, hold_out)
         main = start(source, shown)
         left_out = [(start(rest), by) for rest, by in others if by is not None]
-    # First, because their records are not kept.
-    said = [judge(by, each.records(f"without {by.rig.camera_ids[0]}")) for each, by in left_out]
     run = f"replay {main.settings.row_name}"
     slots = stored(main.slots, store, source, run, main.plan.profiles, main.plan.idle_mode)
-    records = main.records("replay", slots)
+    records = main.records(track_progress(slots, source.num_slots, "replay"))
+    said = _judged(left_out) if left_out else []  # afterwards, as kernels are compiled by then
     left: list[str] = []
     if outputs.people is not None:
         records, count = keep_people(records, outputs.people)
@@ -240,11 +245,11 @@ class _Run:
     smoother: Smoother
     slots: Iterator[SlotRecord]
 
-    def records(self, name: str, slots: Iterator[SlotRecord] | None = None) -> DiskList[SlotRecord]:
-        """Run it, with progress under a name; `slots` are its own, passed through something."""
-        slots = self.slots if slots is None else slots
-        tracked = track_progress(slots, self.source.num_slots, name)
-        return self.smoother.smoothed(DiskList(tracked))
+    def records(
+        self, slots: Iterator[SlotRecord], step: Step = lambda record: record
+    ) -> DiskList[SlotRecord]:
+        """Run it; `slots` are its own, passed through something, then through `step`."""
+        return self.smoother.smoothed(DiskList(map(step, slots)), step)
 
     def summary(self, records: Sequence[SlotRecord], notes: Sequence[str]) -> Summary:
         """Return the figures of its records, with what was said of new looks."""
@@ -259,6 +264,33 @@ class _Run:
         )
         notes = (*figures.notes, *notes)
         return replace(figures, smooth=self.smoother.words, notes=notes)
+
+
+def _judged(left_out: Sequence[tuple[_Run, Recording]]) -> list[HeldOut]:
+    """Return what the cameras that are left out say of replays, several of which run at a time."""
+    done, stopped = itertools.count(1), Event()
+    total = sum(2 * each.source.num_slots for each, _ in left_out)  # replayed, and smoothed
+    alone = any(each.read_view is not None for each, _ in left_out)  # a network takes all cores
+
+    def step(record: SlotRecord) -> SlotRecord:
+        if stopped.is_set():
+            raise CancelledError
+        report(next(done), total)
+        return record
+
+    def judged(pair: tuple[_Run, Recording]) -> HeldOut:
+        each, by = pair
+        return judge(by, each.records(each.slots, step))
+
+    with (
+        bar("held-out cameras", transient=False) as report,
+        ThreadPoolExecutor(1 if alone else num_cores()) as pool,
+    ):
+        try:
+            return [*pool.map(judged, left_out)]
+        except BaseException:
+            stopped.set()
+            raise
 
 
 def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:
@@ -302,13 +334,13 @@ class Smoother:
         if (self._lag_slots or self._settings.method == "rts") and estimate.posterior is not None:
             self._posteriors.append(estimate.posterior)
 
-    def smoothed(self, records: DiskList[SlotRecord]) -> DiskList[SlotRecord]:
-        """Return the records with smoothed poses."""
+    def smoothed(self, records: DiskList[SlotRecord], step: Step) -> DiskList[SlotRecord]:
+        """Return the records with smoothed poses, passed through `step`."""
         if self.words is None:
             return records
 
         skeleton, interval_s = self._source.skeleton, self._source.interval_s
         posteriors, self._posteriors = self._posteriors, DiskList()  # the file goes after use
         if len(posteriors):
-            return smooth_records(records, posteriors, skeleton, self._lag_slots)
+            return smooth_records(records, posteriors, skeleton, self._lag_slots, step)
         return smooth_poses(records, skeleton, interval_s, self._settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -28,6 +28,7 @@ def smooth_records(
     posteriors: Sequence[Posterior],
     skeleton: Skeleton,
     lag_slots: int | None = None,
+    step: Callable[[SlotRecord], SlotRecord] = lambda record: record,
 ) -> DiskList[SlotRecord]:
     """Return the records of a replay with the people that the smoother over bodies finds.
 
@@ -38,6 +39,7 @@ def smooth_records(
         posteriors: of the same slots.
         skeleton: of the poses.
         lag_slots: how many later slots each slot may know; None for all.
+        step: is given each record that is done, and returns it.
     """
     if lag_slots is not None:
         delayed = Delayed(skeleton, lag_slots)
@@ -47,7 +49,7 @@ def smooth_records(
     body = proportions_of(skeleton, tree)
     lates = smooth_backwards(tree, reversed(posteriors))
     pairs = zip(reversed(records), lates, strict=True)
-    return DiskList((with_smoothed(*pair, body) for pair in pairs), backwards=True)
+    return DiskList((step(with_smoothed(*pair, body)) for pair in pairs), backwards=True)
 
 
 # definition: how far somebody may go while nobody is seen, metres per second and at once
