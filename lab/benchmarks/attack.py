@@ -82,7 +82,8 @@ TESTED = {
     "target of a stream that is away": "cli/test_streaming.py",
     "networks without an end": "detectors/test_hostile_networks.py",
     "films, streams and sources without an end": "camera/test_never_answers.py",
-    "phone that is a camera, attacked at work": "live/test_phone_attacked.py",
+    "phone that is a camera, attacked at work": "live/test_on_the_wire.py"
+    "::test_the_phone_sends_on_and_the_site_goes_on",
     f"{ROOTS}every program, its output hung or closed, its disk full": "live/"
     "test_channel_faults.py",
     "archives that unpack to gigabytes": "recording/test_arrays.py",
