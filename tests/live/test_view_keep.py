@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from tests.site.web.browser import SIZES, Page, in_browser
 from tests.site.web.test_keep import RECORDING
 from tests.site.web.test_past import ZONE, at_ns, store_fall
-from tests.site.web.watched import Watched, watched_site
+from tests.site.web.watched import Watched, store_site, watched_site
 from tests.waiting import eventually
 
 from e3pose.store.clips import Clip, clips_of, keep_clip
@@ -21,14 +22,23 @@ pytestmark = in_browser
 PART = "20261118T110640Z"
 
 
-@pytest.fixture
-def watched(tmp_path: Path) -> Iterator[Watched]:
-    part = tmp_path / "recordings" / PART
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A site with a recording, and a store in which Ada falls."""
+    folder = tmp_path_factory.mktemp("stored")
+    part = folder / "recordings" / PART
     part.mkdir(parents=True)
     (part / "recording.toml").write_text(RECORDING)
-    with watched_site(tmp_path, ZONE + "[events]\n") as made:
-        store_fall(made.folder / "lab.db")
-        set_name(made.folder / "lab.db", ((2, 7),), "Ada")
+    store_site(folder, ZONE + "[events]\n")
+    store_fall(folder / "lab.db")
+    set_name(folder / "lab.db", ((2, 7),), "Ada")
+    return folder
+
+
+@pytest.fixture
+def watched(stored: Path, tmp_path: Path) -> Iterator[Watched]:
+    shutil.copytree(stored, tmp_path, dirs_exist_ok=True)
+    with watched_site(tmp_path) as made:
         yield made
 
 
@@ -73,12 +83,12 @@ def test_a_clip_is_marked_named_played_changed_and_removed(page: Page, watched: 
     page.run("document.getElementById('line').focus()")
     page.press("+")
     page.press("[")
-    for _ in range(6):
+    for _ in range(3):
         page.press("ArrowRight")
     page.press("]")
     marked = page.of("timeline", "m.line.marked")
     assert marked["from_s"] == pytest.approx(at_ns(250) / 1e9, abs=0.5)
-    assert marked["to_s"] > marked["from_s"] + 5
+    assert marked["to_s"] > marked["from_s"] + 2
     write(page, "clip-name", "<i>Fall</i>")
     write(page, "clip-note", "mat")
     page.press("Enter")

@@ -117,17 +117,8 @@ class Watched:
         self.edge.publish("e3pose/lab/poses-delayed", encode(smoothed))
 
 
-@contextmanager
-def watched_site(
-    folder: Path, more: str = "", report: Callable[[str], object] = lambda line: None
-) -> Iterator[Watched]:
-    """Write a site to a folder, with some stored slots, and view it.
-
-    Args:
-        folder: of the site.
-        more: tables of its file.
-        report: called with lines for operators.
-    """
+def store_site(folder: Path, more: str = "") -> None:
+    """Write a site to a folder, with some stored slots, and further tables of its file."""
     (folder / "site.toml").write_text(SITE + more)
     save_rig(RIG, folder / "rig.toml")
     run = Run("lab", "lab", STARTED_NS, 1 / FPS, "coco17", COCO17.joints, RIG.camera_ids)
@@ -136,6 +127,21 @@ def watched_site(
             writer.append(record(slot), time_ns=STARTED_NS + round(slot / FPS * 1e9), wait=True)
         writer.energy(EnergyReading(STARTED_NS + 10**9, "c0", 7.5, 1.0, "measured: VDD_IN", 0.75))
         writer.event(Event(STARTED_NS + 10**9, "camera-lost", "c2: silent for 2 s", "c2"))
+
+
+@contextmanager
+def watched_site(
+    folder: Path, more: str = "", report: Callable[[str], object] = lambda line: None
+) -> Iterator[Watched]:
+    """View a site; see `store_site`, which writes it where the folder has none.
+
+    Args:
+        folder: of the site.
+        more: tables of its file.
+        report: called with lines for operators.
+    """
+    if not (folder / "site.toml").exists():
+        store_site(folder, more)
     hub = Hub()
     with open_view(
         resolve_site(folder), "127.0.0.1:0", transport=hub.join(), report=report
