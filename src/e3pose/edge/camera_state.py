@@ -386,12 +386,6 @@ def flooding(camera: CameraState, fps: float, now_ns: int) -> bool:
     return camera.messages > FLOOD_RATE * (fps + 10) and camera.second == now_ns // 10**9
 
 
-def duplicate_sessions(camera: CameraState, now_ns: int) -> tuple[int, ...]:
-    """Return the sessions of several programs that run as this camera; empty for only one."""
-    recent = [at for at in camera.returns if now_ns - at < RIVAL_S * 1e9]
-    return tuple(sorted(camera.sessions[-2:])) if len(recent) >= RIVAL_RETURNS else ()
-
-
 def asleep_s(camera: CameraState, now_ns: int) -> float | None:
     """Return seconds until a camera is expected back; negative if it is late, None if awake.
 
@@ -452,18 +446,19 @@ def _misfit(
 ) -> str:
     """Return why a camera that is connected cannot be selected; empty if it can."""
     hello, beat = camera.hello, camera.beat
-    if speakers := duplicate_sessions(camera, now_ns):
-        return (
-            f"two programs run as {camera.camera_id} (sessions "
-            f"{' and '.join(map(str, speakers))}): stop one of them"
-        )
+    if sum(now_ns - at < RIVAL_S * 1e9 for at in camera.returns) >= RIVAL_RETURNS:
+        speakers = " and ".join(map(str, sorted(camera.sessions[-2:])))
+        return f"two programs run as {camera.camera_id} (sessions {speakers}): stop one of them"
     if now_ns < camera.quarantined_until_ns:
         return f"sends invalid messages ({camera.fault})"
     if hello is None:  # without a frame it does not know its size; the heartbeat may say why
         return (beat.problem if beat else "") or CONNECTING
     if hello.joints != tuple(joints):
         if not serves(hello.joints, joints):
-            return _other_joints(hello.joints, joints)
+            lacks = lacking(hello.joints, joints)
+            missing = some([joint for joint in lacks if joint in BODY_JOINTS] or lacks)
+            outputs, expects = _name(hello.joints), _name(joints)
+            return f"detector outputs {outputs} without {missing}, the site expects {expects}"
         lost = "" if known is None or hello.joints in known else unused(hello.joints, joints)
         if lost:
             return f"{lost}, as the site expects {_name(joints)}: set skeleton in its file"
@@ -488,14 +483,6 @@ def _misfit(
 def _name(joints: Sequence[str]) -> str:
     skeleton = skeleton_of_joints(tuple(joints))
     return skeleton.name if skeleton.name in SHIPPED else plural(len(joints), "joint")
-
-
-def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
-    """Return the message about a detector whose skeleton cannot be converted."""
-    outputs, expects = _name(found), _name(expected)
-    lost = lacking(found, expected)
-    missing = [joint for joint in lost if joint in BODY_JOINTS] or lost
-    return f"detector outputs {outputs} without {some(missing)}, the site expects {expects}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -175,7 +175,9 @@ def flatten(value: Any, name: str = "state") -> Arrays:
     return found
 
 
-def rebuild(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
+def rebuild(
+    pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str, name: str = "state"
+) -> Any:
     """Return a value with the structure of `pattern` and the arrays of `flatten`.
 
     An axis that is empty in the pattern may have any length, the same in all arrays of a record.
@@ -183,7 +185,25 @@ def rebuild(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any
     Raises:
         InputError: naming the array that is missing or does not fit.
     """
-    return _fill(pattern, arrays, where, "state")
+    if isinstance(pattern, tuple):
+        return tuple(
+            rebuild(item, arrays, where, f"{name}.{index}") for index, item in enumerate(pattern)
+        )
+    if not is_dataclass(pattern):
+        return _leaf(pattern, arrays, where, name)
+    changes: dict[str, Any] = {}
+    lengths: set[int] = set()
+    for item in fields(pattern):
+        if item.name in FORGOTTEN or not item.init:
+            continue
+        like = getattr(pattern, item.name)
+        changes[item.name] = rebuild(like, arrays, where, f"{name}.{item.name}")
+        if isinstance(like, np.ndarray):
+            found = changes[item.name].shape
+            lengths |= {n for n, m in zip(found, like.shape, strict=True) if m == 0}
+    if len(lengths - {0}) > 1:  # a skeleton may have no bones, a site nobody in it
+        raise InputError(f"{where}: {name}: found lengths {sorted(lengths)}, expected one")
+    return replace(pattern, **changes)  # type: ignore[type-var]
 
 
 def _unpacked(file: BinaryIO, size: int) -> Arrays:
@@ -228,28 +248,6 @@ def _check_values(arrays: Arrays, num_cameras: int, interval_s: float, where: st
             raise InputError(f"{where}: {name}: found {wrong.flat[0]}, expected {low} to {high}")
     if not np.isfinite(arrays["state.deficit"]).all():
         raise InputError(f"{where}: state.deficit: found NaN, expected finite numbers")
-
-
-def _fill(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str, name: str) -> Any:
-    if isinstance(pattern, tuple):
-        return tuple(
-            _fill(item, arrays, where, f"{name}.{index}") for index, item in enumerate(pattern)
-        )
-    if not is_dataclass(pattern):
-        return _leaf(pattern, arrays, where, name)
-    changes: dict[str, Any] = {}
-    lengths: set[int] = set()
-    for item in fields(pattern):
-        if item.name in FORGOTTEN or not item.init:
-            continue
-        like = getattr(pattern, item.name)
-        changes[item.name] = _fill(like, arrays, where, f"{name}.{item.name}")
-        if isinstance(like, np.ndarray):
-            found = changes[item.name].shape
-            lengths |= {n for n, m in zip(found, like.shape, strict=True) if m == 0}
-    if len(lengths - {0}) > 1:  # a skeleton may have no bones, a site nobody in it
-        raise InputError(f"{where}: {name}: found lengths {sorted(lengths)}, expected one")
-    return replace(pattern, **changes)  # type: ignore[type-var]
 
 
 def _leaf(like: Any, arrays: Mapping[str, NDArray[Any]], where: str, name: str) -> Any:

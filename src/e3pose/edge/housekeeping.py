@@ -228,7 +228,16 @@ class Watchdog:
             RuntimeError: when the network cannot be left or joined: the program must be restarted.
         """
         now_ns, sending_ns = self._clock.now_ns(), self._membership.sending_ns
-        signs = camera_signs(cameras, views, due, now_ns)
+        signs = []
+        for camera, arrived, ordered in zip(cameras, views.tolist(), due.tolist(), strict=True):
+            beat, heard_ns = camera.beat, camera.heard_ns
+            if beat is None or heard_ns is None:
+                signs.append(CameraSigns(camera.present, heard_ns))
+                continue
+            fresh = camera.present and not beat.ends and now_ns - heard_ns <= SILENT_S * 1e9
+            counted, speaks = (beat.session, beat.orders, beat.sent), beat.mode not in RESTING
+            present, fresh = camera.present and speaks, fresh and speaks
+            signs.append(CameraSigns(present, heard_ns, fresh, *counted, arrived, ordered))
         self._watch, why = watch_for_stall(self._watch, signs, slots, sending_ns, now_ns)
         if not why or self.prepare is None:
             return False
@@ -247,33 +256,6 @@ class Watchdog:
             return f"stacks of all threads are in {dump_stacks(self.folder, 'edge')}"
         except OSError as error:
             return f"stacks of threads cannot be written to {self.folder} ({reason_of(error)})"
-
-
-def camera_signs(
-    cameras: Sequence[CameraState],
-    views: NDArray[np.int64],
-    due: NDArray[np.int64],
-    now_ns: int,
-) -> list[CameraSigns]:
-    """Return the signs of life of all cameras.
-
-    Args:
-        cameras: `(num_cameras,)` their states.
-        views: `(num_cameras,)` views that arrived, in time or late.
-        due: `(num_cameras,)` views that were ordered in time, and are due.
-        now_ns: the time.
-    """
-    signs = []
-    for camera, arrived, ordered in zip(cameras, views.tolist(), due.tolist(), strict=True):
-        beat, heard_ns = camera.beat, camera.heard_ns
-        if beat is None or heard_ns is None:
-            signs.append(CameraSigns(camera.present, heard_ns))
-            continue
-        fresh = camera.present and not beat.ends and now_ns - heard_ns <= SILENT_S * 1e9
-        counted, speaks = (beat.session, beat.orders, beat.sent), beat.mode not in RESTING
-        present, fresh = camera.present and speaks, fresh and speaks
-        signs.append(CameraSigns(present, heard_ns, fresh, *counted, arrived, ordered))
-    return signs
 
 
 def dump_stacks(folder: Path, program: str) -> Path:

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TypeVar
 
 import msgspec
 import numpy as np
@@ -37,6 +38,8 @@ from e3pose.wire.arrays import poses_2d
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import RESTING, ClockAnswer, ClockQuestion, Heartbeat, Hello, View
 from e3pose.wire.transport import Transport
+
+Sent = TypeVar("Sent", View, Hello, Heartbeat, ClockQuestion)
 
 PAUSED = "paused"  # a problem, so that the camera is not selected
 BEAT_S = 0.2  # heartbeats that come sooner after the one before say nothing new of energy and delay
@@ -228,19 +231,32 @@ class Inbox:
             self.wrong += 1
         self._change(index, lambda state: with_invalid_message(state, str(error), now_ns))
 
-    def _view(self, topic: str, payload: bytes) -> None:
-        arrived_ns = self.clock.now_ns()
+    def _message(self, topic: str, payload: bytes, kind: type[Sent]) -> tuple[int, Sent] | None:
+        """Return the index of the camera that published, and its message; None to ignore it."""
         index = self._camera(topic)
         if index is None:
+            return None
+        camera_id = self.rig.camera_ids[index]
+        try:
+            message = decode(payload, kind, camera_id)
+            if (named := message.camera_id) != camera_id:
+                raise InputError(f"{camera_id}: message: found one of {named}, expected its own")
+        except InputError as error:
+            self._refuse(index, error)
+            return None
+        return index, message
+
+    def _view(self, topic: str, payload: bytes) -> None:
+        arrived_ns = self.clock.now_ns()
+        if (found := self._message(topic, payload, View)) is None:
             return
-        camera_id, hello = self.rig.camera_ids[index], self.cameras[index].hello
+        index, view = found
+        hello = self.cameras[index].hello
         joints = tuple(self.joints) if hello is None else hello.joints
         try:
-            view = decode(payload, View, camera_id)
-            _check_sender(view.camera_id, camera_id)
             if view.scores.shape[1] != len(joints):
                 raise InputError(
-                    f"{camera_id}: view: found {view.scores.shape[1]} joints, "
+                    f"{view.camera_id}: view: found {view.scores.shape[1]} joints, "
                     f"expected {len(joints)}"
                 )
             poses = _with_joints(poses_2d(view), joints, tuple(self.joints))
@@ -251,28 +267,16 @@ class Inbox:
         self.gather.add(view.slot, index, Arrival(poses, captured_ns, arrived_ns))
 
     def _hello(self, topic: str, payload: bytes) -> None:
-        index = self._camera(topic)
-        if index is None:
+        if (found := self._message(topic, payload, Hello)) is None:
             return
-        try:
-            hello = decode(payload, Hello, self.rig.camera_ids[index])
-            _check_sender(hello.camera_id, self.rig.camera_ids[index])
-        except InputError as error:
-            self._refuse(index, error)
-            return
+        index, hello = found
         now_ns = self.clock.now_ns()
         self._change(index, lambda state: with_hello(state, hello, now_ns))
 
     def _heartbeat(self, topic: str, payload: bytes) -> None:
-        index = self._camera(topic)
-        if index is None:
+        if (found := self._message(topic, payload, Heartbeat)) is None:
             return
-        try:
-            beat = decode(payload, Heartbeat, self.rig.camera_ids[index])
-            _check_sender(beat.camera_id, self.rig.camera_ids[index])
-        except InputError as error:
-            self._refuse(index, error)
-            return
+        index, beat = found
         now_ns = self.clock.now_ns()
         beat = msgspec.structs.replace(beat, sent_edge_ns=near(beat.sent_edge_ns, now_ns))
         camera = self._change(index, lambda state: with_heartbeat(state, beat, now_ns))
@@ -302,15 +306,9 @@ class Inbox:
 
     def _clock(self, topic: str, payload: bytes) -> bytes | None:
         received_ns = self.clock.now_ns()
-        index = self._camera(topic)
-        if index is None:
+        if (found := self._message(topic, payload, ClockQuestion)) is None:
             return None
-        try:
-            question = decode(payload, ClockQuestion, self.rig.camera_ids[index])
-        except InputError as error:
-            self._refuse(index, error)
-            return None
-        return encode(ClockAnswer(question.sent_ns, received_ns, self.clock.now_ns()))
+        return encode(ClockAnswer(found[1].sent_ns, received_ns, self.clock.now_ns()))
 
 
 def near(stated_ns: int, now_ns: int) -> int:
@@ -326,8 +324,3 @@ def _with_joints(poses: Poses2D, found: tuple[str, ...], wanted: tuple[str, ...]
     source, target = Skeleton("", found, ()), Skeleton("", wanted, ())
     keypoints_px, scores = convert(poses.keypoints_px, poses.scores, source, target)
     return Poses2D(keypoints_px, scores, poses.unchanged_s)
-
-
-def _check_sender(named: str, camera_id: str) -> None:
-    if named != camera_id:
-        raise InputError(f"{camera_id}: message: found one of {named}, expected its own")

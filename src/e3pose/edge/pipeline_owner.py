@@ -14,7 +14,6 @@ from e3pose.edge.lead import Lead
 from e3pose.edge.overload import Load, shed_load
 from e3pose.energy.site_energy import EnergyEstimate
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState
-from e3pose.predict.base import Predictor
 
 AHEAD_SLOTS = 2  # a state from farther in the future was saved with a wrong clock
 LONGEST_AWAY_S = 60.0  # age of a state whose slots and people are still current
@@ -72,7 +71,10 @@ class PipelineOwner:
                        for camera, line in changes]  # fmt: skip
         if consumers.learner is not None:
             consumers.learner.collect(record)
-            events += self._predict_by(consumers.learner.poll())
+            if (better := consumers.learner.poll()) is not None:
+                self.pipeline = self.pipeline.with_predictor(better)
+                line = "another learned predictor is used from now on"
+                events.append(("predictor", line, None))
         return events
 
     def _charge(self, estimate: EnergyEstimate | None) -> None:
@@ -88,12 +90,6 @@ class PipelineOwner:
             rests=None if rests is None else rests.with_count(estimate.num_selected),
             policy=policy if waking is None else waking(estimate.num_selected),
         )
-
-    def _predict_by(self, better: Predictor | None) -> list[Happened]:
-        if better is None:
-            return []
-        self.pipeline = self.pipeline.with_predictor(better)
-        return [("predictor", "another learned predictor is used from now on", None)]
 
 
 def still_true(times: SlotTimes, slot: int, now_ns: int, lead_slots: int) -> tuple[SlotTimes, str]:

@@ -83,8 +83,7 @@ class Recorder:
         self.settings, self.rig, self._report = settings, rig, report
         try:
             make_folder(settings.folder)
-            for part in finish_interrupted(settings.folder):
-                self._attach(part)
+            self._recover()
         except OSError as error:
             raise InputError(f"record: {settings.folder}: {reason_of(error)}") from None
         self.dropped, self.processor = 0, ProcessorTimes(settings.fps * settings.pace)

@@ -17,7 +17,6 @@ from e3pose.pipeline import SlotRecord
 from e3pose.select.policies.base import Policy
 from e3pose.wire.arrays import packed_people
 from e3pose.wire.codec import one_line
-from e3pose.wire.messages import Heartbeat
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 if TYPE_CHECKING:
@@ -114,13 +113,6 @@ def poses_message(
     )
 
 
-def unchanged_share(beat: Heartbeat | None) -> float | None:
-    """Return the share of looks in which the image was unchanged; None without any."""
-    if beat is None or not beat.unchanged:
-        return None
-    return beat.unchanged / (beat.unchanged + beat.detected)
-
-
 def cpu_saved(camera: CameraState, interval_s: float, lead_slots: int) -> float | None:
     """Return the share of processor time that a camera saves; None where it is not known.
 
@@ -197,7 +189,9 @@ def camera_status(
         wake_s=camera.wake.mean_s if camera.wake.wakes else None,
         cpu_s=beat.cpu_s if beat else None,
         cpu_saved=cpu_saved(camera, counts.interval_s, edge.lead.slots),
-        unchanged=unchanged_share(beat),
+        unchanged=beat.unchanged / (beat.unchanged + beat.detected)
+        if beat and beat.unchanged
+        else None,
     )
 
 

@@ -364,18 +364,14 @@ class OnlineTrainer:
                 predictor = self._load(self._weights_of(manifest, wanted))
             except InputError as error:
                 self._report(f"version {wanted} rejected: {error}", logging.WARNING)
-                wanted = self._before(manifest, wanted)
+                older = [one.parent for one in manifest.versions if one.number == wanted]
+                wanted = older[0] if older and older[0] < wanted else self._running
         if wanted != manifest.current:
             self.store.use(wanted)
         self._running = wanted
         if predictor is not None:
             self._ready.put(predictor)
             self._report(f"version {wanted} in use from the next slot")
-
-    def _before(self, manifest: Manifest, number: int) -> int:
-        """Return a replacement for version `number`: an older one, or the running one."""
-        older = [version for version in manifest.versions if version.number == number]
-        return older[0].parent if older and older[0].parent < number else self._running
 
     def _weights_of(self, manifest: Manifest, number: int) -> Path:
         version = manifest.find(number)
