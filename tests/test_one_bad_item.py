@@ -24,8 +24,7 @@ from e3pose.events.rules import Snapshot
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.person_event import PersonEvent
 from e3pose.model.skeleton import COCO17
-from e3pose.output.archive.checking import check_archive
-from e3pose.output.archive.manifest import Entry, Manifest, digest, write_manifest
+from e3pose.output.archive.manifest import Entry, Manifest, check_archive, digest, write_manifest
 from e3pose.output.archive.places import Folder
 from e3pose.settings.events_table import EventsTable
 from e3pose.site import stream_problems, trial_notices

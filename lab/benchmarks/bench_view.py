@@ -30,7 +30,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.example import free_port, make_example
-from e3pose.site.interpreter import reduce_pauses
+from e3pose.site.run import reduce_pauses
 from e3pose.store import Run, Store, StoreWriter
 
 FPS, PEOPLE, MINUTES, RANGE_S, PER_S = 25, 4, 10, 10, 20

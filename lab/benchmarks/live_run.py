@@ -14,12 +14,12 @@ import numpy as np
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.output.report.stored import slot_records
 from e3pose.pipeline import SlotRecord
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, last_line, run_site
 from e3pose.store import Store
-from e3pose.store.records import slot_records
 from e3pose.wire import topics
 from e3pose.wire.codec import decode
 from e3pose.wire.messages import Heartbeat, View

@@ -11,7 +11,7 @@ import pytest
 from tests.cli.commands import run as run_verb
 
 from e3pose.base.errors import InputError
-from e3pose.output.report.overlay.movie import write_movie
+from e3pose.output.report.overlay import write_movie
 from e3pose.recording import load_recording, save_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate

@@ -19,9 +19,9 @@ from tests.store.conftest import KINDS, new_place, record, run
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
 from e3pose.model.zone_event import ZoneEvent
+from e3pose.output.report.stored import charged_j, slot_records
 from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter, schema
 from e3pose.store.database import database_url, writing_engine
-from e3pose.store.records import charged_j, slot_records
 from e3pose.store.times import as_when, iso_text, parse_when
 
 STARTED_NS = 1_795_000_000_000_000_000

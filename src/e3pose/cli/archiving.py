@@ -16,7 +16,7 @@ from e3pose.base.quantities import age_s, plural
 from e3pose.cli.options import Flag, StorePlace, as_typed
 from e3pose.cli.progress import track_progress
 from e3pose.cli.querying import store_of
-from e3pose.output.archive.checking import check_archive
+from e3pose.output.archive.manifest import check_archive
 from e3pose.output.archive.places import place_of
 from e3pose.store.times import iso_text
 

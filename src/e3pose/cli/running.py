@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from e3pose.base.log_stream import outlast
 from e3pose.base.quantities import duration_s
 from e3pose.cli.options import as_typed
-from e3pose.site.interpreter import bound_heaps
+from e3pose.site.run import bound_heaps
 from e3pose.site.run import end_with_parent as look_after_parent
 
 DELAY = {"smooth_delay_ms": "--delay"}

@@ -11,7 +11,7 @@ from e3pose.base.quantities import check_seconds
 from e3pose.cli.options import warn
 from e3pose.cli.running import Child, begin
 from e3pose.settings.resolved import resolve_site
-from e3pose.site.interpreter import reduce_pauses
+from e3pose.site.run import reduce_pauses
 
 
 def view(

@@ -43,9 +43,8 @@ from e3pose.site.check.finding import report as report_findings
 from e3pose.site.check.parts import start_problems
 from e3pose.site.control import SiteControls
 from e3pose.site.event_sink import EventSink
-from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
-from e3pose.site.run import run_until_stopped
+from e3pose.site.run import reduce_pauses, run_until_stopped
 from e3pose.site.web.tokens import hub_tokens
 from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run

@@ -14,9 +14,8 @@ from e3pose.base.errors import InputError
 from e3pose.base.threads import show_thread_name
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.site.edge_program import Edge, start_edge
-from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import Log
-from e3pose.site.run import run_until_stopped
+from e3pose.site.run import reduce_pauses, run_until_stopped
 from e3pose.site.summary import edge_summary
 
 EVERY_S = 0.2  # between two looks at an edge

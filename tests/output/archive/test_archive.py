@@ -21,9 +21,8 @@ from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECON
 from tests.waiting import eventually
 
 from e3pose.base.errors import Exit, InputError
-from e3pose.output.archive.checking import Checked, check_archive
 from e3pose.output.archive.deleting import delete_everywhere
-from e3pose.output.archive.manifest import NAME, Manifest, days_of, read_manifest
+from e3pose.output.archive.manifest import Checked, Manifest, check_archive, days_of, read_manifest
 from e3pose.output.archive.places import Bucket, Folder, Place, place_of
 from e3pose.output.archive.writing import CLOSED_NS, Written, archive_store
 from e3pose.output.exports.wide import read_wide
@@ -195,7 +194,9 @@ def test_no_link_is_followed_and_one_bad_file_hides_no_other(
     folder, secret = tmp_path / "a", tmp_path / "secret"
     archived(store, folder)
     first = folder / Manifest("hall", FIRST_DAY).folder
-    path = {"day": first, "manifest": first / NAME}.get(bad, min(first.glob("*.parquet")))
+    path = {"day": first, "manifest": first / "manifest.json"}.get(
+        bad, min(first.glob("*.parquet"))
+    )
     path.rename(secret)
     if bad == "pipe":
         os.mkfifo(path)  # would be waited for without end
@@ -233,7 +234,7 @@ def test_manifest_of_nobody_is_refused(
 ) -> None:
     folder = tmp_path / "a"
     archived(store, folder)
-    path = folder / Manifest("hall", FIRST_DAY).folder / NAME
+    path = folder / Manifest("hall", FIRST_DAY).folder / "manifest.json"
     found = json.loads(path.read_text())
     if isinstance(content, dict):
         if "files" in content:

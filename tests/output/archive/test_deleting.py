@@ -11,9 +11,8 @@ from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECON
 
 from e3pose.base.errors import InputError
 from e3pose.output.archive import deleting, writing
-from e3pose.output.archive.checking import check_archive
 from e3pose.output.archive.deleting import Deleted, delete_everywhere, left_there
-from e3pose.output.archive.manifest import Entry, Manifest, read_manifest, write_manifest
+from e3pose.output.archive.manifest import Entry, Manifest, check_archive, read_manifest
 from e3pose.output.archive.places import Folder, Place
 from e3pose.output.archive.writing import Hour, Written, archive_store, file_of
 from e3pose.store import Store
@@ -130,13 +129,13 @@ def test_deletion_that_was_killed_goes_on(
     class Killed(BaseException):
         pass
 
-    calls = [0]
+    calls, write = [0], vars(deleting)["write_manifest"]
 
     def stumble(place: Place, manifest: Manifest) -> None:
         calls[0] += 1
         if calls[0] == 2:
             raise Killed
-        write_manifest(place, manifest)
+        write(place, manifest)
 
     with monkeypatch.context() as patched:
         patched.setattr(deleting, "write_manifest", stumble)

@@ -19,13 +19,15 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.overlay import (
+    AWAKE_COLOR,
+    BLIND_COLOR,
+    camera_word,
     draw_poses,
     overlay_images,
     reproject,
     track_color,
     write_movie,
 )
-from e3pose.output.report.overlay.panels import AWAKE_COLOR, BLIND_COLOR, camera_word
 from e3pose.recording import Recording, ViewSeries
 
 STICK = Skeleton("stick", ("top", "bottom"), ((0, 1),))

@@ -16,9 +16,8 @@ from e3pose.calibrate.uncertainty import CameraErrors
 from e3pose.detectors.timing import DetectionTimes
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.site.setup import networks
-from e3pose.site.setup.judging import result, verdict
 from e3pose.site.setup.session import SetupSession
-from e3pose.site.setup.solving import floor_at, grade, move_world
+from e3pose.site.setup.solving import floor_at, grade, move_world, result, verdict
 from e3pose.site.setup.walking import Snapshots, newest_view
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Picture

@@ -10,15 +10,16 @@ from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.base.rate_limit import MAX_CLIENTS, Rate
-from e3pose.site.web.access import Client, Rules
-from e3pose.site.web.guesses import (
+from e3pose.site.web.access import (
     FIRST_WAIT_S,
     FREE,
     FREE_IN_ALL,
     LONGEST_WAIT_S,
     MANY,
     WAITING,
+    Client,
     Guesses,
+    Rules,
 )
 from e3pose.site.web.tokens import Tokens, make_tokens, open_tokens
 

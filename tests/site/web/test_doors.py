@@ -16,11 +16,11 @@ from tests.waiting import eventually
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect as connect_socket
 
-import e3pose.site.web.guesses as limits
+import e3pose.site.web.access as limits
 from e3pose.base.listener import Bounds
 from e3pose.site.serving import Serving
+from e3pose.site.web.access import FREE, Guesses
 from e3pose.site.web.feed import MAX_OF_ADDRESS
-from e3pose.site.web.guesses import FREE, Guesses
 
 JSON = {"Content-Type": "application/json"}
 HALF = b"GET /api/status HTTP/1.1\r\nHost: localhost\r\n"

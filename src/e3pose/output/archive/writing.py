@@ -161,7 +161,11 @@ def _archive_site(
         until_ns = min(day_ns + DAY_NS, end_ns - end_ns % HOUR_NS)
         with reading(store) as connection:
             open_hours = list(hours_between(connection, runs, day_ns, until_ns))
-        for hour in _missing(manifest, open_hours, now_ns):
+        for hour in open_hours:
+            there = manifest.files.get(hour.name)
+            young = now_ns - hour.begin_ns < LATE_NS
+            if there is not None and not (young and hour.slots > there.slots):
+                continue
             content, entry = file_of(opened, hour)
             if content:
                 place.write(f"{manifest.folder}/{hour.name}", content)
@@ -170,15 +174,6 @@ def _archive_site(
             counts = [counts[0] + 1, counts[1] + entry.rows, counts[2] + entry.bytes]
             say(f"{day} {hour.of_day:02d}:00: {entry.rows} rows, {entry.bytes / 1e6:.1f} MB")
     return counts[0], counts[1], counts[2]
-
-
-def _missing(manifest: Manifest, hours: list[Hour], now_ns: int) -> Iterator[Hour]:
-    """Yield the hours that an archive lacks, or lacks late rows of."""
-    for hour in hours:
-        there = manifest.files.get(hour.name)
-        young = now_ns - hour.begin_ns < LATE_NS
-        if there is None or (young and hour.slots > there.slots):
-            yield hour
 
 
 def _removed(place: Place, site: str, oldest: str, problems: dict[str, None]) -> Iterator[int]:

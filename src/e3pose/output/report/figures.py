@@ -47,6 +47,7 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
         rows.insert(1, (title, "gain", GAIN_COLOURS, max(0.1, _highest(scene["gain"])), ".2f"))
     height = len(rows) * (HEAD_PX + strip_px) + FOOT_PX
     inner = height - FOOT_PX
+    slots, half = scene["slots"], scene["stride"] / 2
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
         "height": height,
@@ -60,7 +61,7 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
             "fixedrange": True,
             "showgrid": False,
             "zeroline": False,
-            "range": _slot_range(scene),
+            "range": [slots[0] - half, slots[-1] + half] if slots else [0, 1],
             "anchor": f"y{len(rows)}",
             "exponentformat": "none",
         },
@@ -202,11 +203,6 @@ def _bar_layout(num_cameras: int, title: str) -> dict[str, Any]:
         },
         "yaxis": {"autorange": "reversed", "fixedrange": True, "type": "category"},
     }
-
-
-def _slot_range(scene: Mapping[str, Any]) -> list[float]:
-    slots, half = scene["slots"], scene["stride"] / 2
-    return [slots[0] - half, slots[-1] + half] if slots else [0, 1]
 
 
 def _highest(rows: Sequence[Sequence[float | None]]) -> float:

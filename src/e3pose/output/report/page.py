@@ -13,7 +13,6 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from e3pose.energy.saving import NO_SAVINGS, whole
 from e3pose.evaluate.figures import Distances, Summary, settings_json
 from e3pose.model.blind_slot import blind_words, count_blind, duty
 from e3pose.output.report import figures
-from e3pose.output.report.overlay.panels import overlay_images
+from e3pose.output.report.overlay import overlay_images
 from e3pose.output.report.scene import scene
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
@@ -50,6 +49,10 @@ SETTING_WORDS = {
     "seed": "random seed",
     "smooth": "smoothing",
 }
+TRUTH_BOX = "<label class='soft'><input type='checkbox' id='truth'> ground truth (grey)</label>"
+SURE_BOX = (
+    "<label class='soft'><input type='checkbox' id='sure' checked> discs: 90 % confidence</label>"
+)
 BLIND_KEY = (
     " &nbsp; <i class='swatch' style='background:var(--blind)'></i>blind slot: no view arrived"
 )
@@ -72,7 +75,6 @@ def write_report(
     summary: Summary,
     path: Path,
     lead: str | None = None,
-    details: Mapping[str, str] = MappingProxyType({}),
     folder: Path | None = None,
 ) -> None:
     """Write the page that shows a run to `path`.
@@ -84,11 +86,9 @@ def write_report(
         path: the `.html` file to write, replaced if it exists.
         lead: what the page says of the lead where it changed during the run; that of the
             settings by default.
-        details: further rows of the settings, by name.
         folder: of the recording, whose videos are shown beside the player, if it has any.
     """
-    text = render(recording, records, summary, lead, details, folder)
-    write_file(path, text)
+    write_file(path, render(recording, records, summary, lead, folder))
 
 
 def render(
@@ -96,7 +96,6 @@ def render(
     records: Sequence[SlotRecord],
     summary: Summary,
     lead: str | None = None,
-    details: Mapping[str, str] = MappingProxyType({}),
     folder: Path | None = None,
 ) -> str:
     """Return the page as text; arguments are those of `write_report`."""
@@ -105,6 +104,7 @@ def render(
     drawn = scene(recording, records)
     filmed = film(recording, records[:: drawn["stride"]], folder)
     charts = _charts(recording, records, summary, drawn)
+    sure = any(len(person) > 2 for people in drawn["people"] for person in people)
     return Template(packaged("page.html")).substitute(
         title=shown_text(recording.name or "Recording"),
         doubts="".join(
@@ -123,13 +123,13 @@ def render(
         cell=_cell(drawn),
         film_box=_film_box(filmed),
         film=embed(filmed),
-        truth_box=_truth_box(drawn),
-        sure_box=_sure_box(drawn),
+        truth_box=TRUTH_BOX if drawn["truthLimbs"] else "",
+        sure_box=SURE_BOX if sure else "",
         blind_key=BLIND_KEY if drawn["blind"] else "",
         why=WHY if "gain" in drawn else "",
         quality=_quality(summary),
         energy="" if summary.all_looked else _energy(summary, charts),
-        settings=_settings(recording, summary, lead, details),
+        settings=_settings(recording, summary, lead),
         source=shown_text(recording.source),
         data=embed(drawn),
         figures=embed(charts),
@@ -231,9 +231,7 @@ def _energy_words(summary: Summary) -> str:
     )
 
 
-def _settings(
-    recording: Recording, summary: Summary, lead: str | None, details: Mapping[str, str]
-) -> str:
+def _settings(recording: Recording, summary: Summary, lead: str | None) -> str:
     rows: dict[str, Any] = {
         "cameras": ", ".join(recording.rig.titles.values()),
         "slots per second": f"{recording.fps:g}",
@@ -246,7 +244,6 @@ def _settings(
     rows |= {
         SETTING_WORDS[key]: _setting(settings[key]) for key in SETTING_WORDS if key in settings
     }
-    rows |= details
     return "".join(
         f"<tr><td class='soft'>{shown_text(key)}</td><td>{shown_text(value, 2000)}</td></tr>"
         for key, value in rows.items()
@@ -268,21 +265,6 @@ def _film_box(filmed: Mapping[str, Any] | None) -> str:
     return (
         "<div id='film-box'><img id='film' alt=''><label class='soft'>camera "
         f"<select id='film-of'>{options}</select></label></div>"
-    )
-
-
-def _truth_box(drawn: Mapping[str, Any]) -> str:
-    if not drawn["truthLimbs"]:
-        return ""
-    return "<label class='soft'><input type='checkbox' id='truth'> ground truth (grey)</label>"
-
-
-def _sure_box(drawn: Mapping[str, Any]) -> str:
-    if not any(len(person) > 2 for people in drawn["people"] for person in people):
-        return ""
-    return (
-        "<label class='soft'><input type='checkbox' id='sure' checked> discs: 90 % confidence"
-        "</label>"
     )
 
 

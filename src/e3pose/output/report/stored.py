@@ -1,4 +1,7 @@
-"""The report of a time range of a live store, with what the site kept of it: videos, times."""
+"""The report of a time range of a live store, with what the site kept of it: videos, times.
+
+`slot_records` reads slots of a store back as slot records.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.base.arrays import Floats
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import plural
@@ -18,6 +25,7 @@ from e3pose.camera.session_videos import BEGAN, PACE
 from e3pose.estimate.smooth import SmoothSettings
 from e3pose.evaluate.smoothed import smooth_poses
 from e3pose.evaluate.summary import summarise
+from e3pose.model.blind_slot import blind_cause
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
 from e3pose.output.report.page import write_report
@@ -28,8 +36,8 @@ from e3pose.recording.videos import VIDEOS, begin_of, choose_video, videos_in
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.resolved import ResolvedSite
 from e3pose.store import Store
+from e3pose.store.answers import StoredPoses
 from e3pose.store.query import Time
-from e3pose.store.records import charged_j, slot_records
 
 AS_STORED = SmoothSettings()
 ADAPTIVE = "adaptive: follows the delays"
@@ -203,3 +211,65 @@ def _kept(folder: Path, time_ns: int) -> Iterator[tuple[Path, int, dict[str, Any
 
 def _pace(part: Path) -> float:
     return float(load_provenance(part).settings[PACE])
+
+
+def slot_records(
+    rows: Sequence[Mapping[str, Any]],
+    poses: StoredPoses,
+    interval_s: float,
+    first_slot: int = 0,
+) -> list[SlotRecord]:
+    """Return one record per row.
+
+    Args:
+        rows: of the table `slots` of one run, as `Store.rows` gives them.
+        poses: of the same run and time.
+        interval_s: seconds per slot.
+        first_slot: the slot that becomes 0.
+    """
+    return [_record(row, poses, interval_s, first_slot) for row in rows]
+
+
+def charged_j(rows: Sequence[Mapping[str, Any]]) -> Floats | None:
+    """Return `(num_slots, num_cameras)` joules that slots are charged with; None where unknown.
+
+    Args:
+        rows: as of `slot_records`.
+    """
+    known = [row["energy_j"] for row in rows]
+    return None if None in known or not known else np.array(known, dtype=np.float64)
+
+
+def _record(
+    row: Mapping[str, Any], poses: StoredPoses, interval_s: float, first_slot: int
+) -> SlotRecord:
+    low, high = np.searchsorted(poses.slots, [row["slot"], row["slot"] + 1])
+    here, slot = slice(low, high), row["slot"] - first_slot
+    people = poses.people[here]
+    doubles = {
+        name: getattr(people, name).astype(np.float64) for name in ("joints_m", "scores", "sigma_m")
+    }
+    return SlotRecord(
+        slot=slot,
+        time_s=slot * interval_s,
+        selected=_flags(row["selected"]),
+        arrived=_flags(row["arrived"]),
+        people=replace(people, **doubles),
+        occlusion=np.asarray(row["occlusion"], dtype=np.float64),
+        deficit=np.asarray(row["deficit"], dtype=np.float64),
+        next_selection=_flags(row["next_selection"]),
+        stage_s={"step": row["took_s"]},
+        blind=_blind(row),
+    )
+
+
+def _blind(row: Mapping[str, Any]) -> str:
+    """Return the cause of a blind slot, inferred for records of older versions."""
+    if row["blind"] is not None:
+        return str(row["blind"])
+    selected, arrived = _flags(row["selected"]), _flags(row["arrived"])
+    return blind_cause(selected, np.ones_like(selected), bool(arrived.any()))
+
+
+def _flags(text: str) -> NDArray[np.bool_]:
+    return np.array([char == "1" for char in text])

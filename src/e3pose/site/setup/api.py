@@ -19,7 +19,7 @@ from e3pose import __version__
 from e3pose.base.errors import InputError
 from e3pose.base.masking import masked
 from e3pose.base.quantities import plural, shell
-from e3pose.site.setup import cameras, judging, networks, settings, solving, walking
+from e3pose.site.setup import cameras, networks, settings, solving, walking
 from e3pose.site.setup.coverage import Coverage
 from e3pose.site.setup.going_live import LiveSite
 from e3pose.site.setup.plan import Plan
@@ -349,7 +349,7 @@ def _steps(table: Table) -> APIRouter:
 
     @api.post("/check")
     def check() -> dict[str, Any]:
-        judging.start_checking(setup)
+        solving.start_checking(setup)
         return table.state()
 
     return api
@@ -409,7 +409,7 @@ def _steps_of(
         ("solve", "Solve", placed, bool(plan.walk) or placed,
          solving.solve_command(setup, plan.height_cm), "cameras placed" if placed else ""),
         ("check", "Check", checked, placed, f"{walking.record_command(setup, 'second')}\n"
-         f"{judging.check_command(setup)}", "" if not checked else results["check"]["grade"]),
+         f"{solving.check_command(setup)}", "" if not checked else results["check"]["grade"]),
         ("live", "Go live", live.body()["live"], placed, f"e3pose up {shell(setup.name)} --view",
          live.state if live.on else ""),
         ("change", "Change", False, setup.has_site, f"e3pose check {shell(setup.name)}", ""),

@@ -1,4 +1,4 @@
-"""The step that solves: cameras from the people of a walk, the floor, and the axes by clicks."""
+"""The steps that solve and check: cameras from the people of a walk, floor and axes; a judge."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from e3pose.base.errors import InputError
-from e3pose.calibrate.align import Move, with_origin
+from e3pose.calibrate.align import with_origin
+from e3pose.calibrate.judge import Judgement, judge, poor_pairs
 from e3pose.calibrate.people_3d import People3D
 from e3pose.calibrate.people_places import floor_of, from_people, people_of
 from e3pose.calibrate.places import KnownLength, Places
@@ -67,7 +68,12 @@ def start_solving(setup: SetupSession, height_cm: float) -> None:
         known = KnownLength(height_cm / 100 if height_cm else None)
         places = from_people(recording, noise, None, known, task.progress)
         task.progress("finding the floor", 0, 0)
-        rig, notes = _levelled(recording, known_lenses(places.rig), height_cm, places.notes)
+        rig, notes = known_lenses(places.rig), places.notes
+        try:
+            stature_m = height_cm / 100 if height_cm else 1.7
+            rig = floor_of(replace(recording, rig=rig), stature_m).move.rig(rig)
+        except InputError as error:  # the floor is not found: it stays as it came
+            notes = [*notes, str(error)]
         keep_before(setup.calibration)
         save_rig(rig, setup.calibration)
         save_rig(rig, path / RECORDED_RIG)
@@ -76,18 +82,6 @@ def start_solving(setup: SetupSession, height_cm: float) -> None:
         setup.keep_result("solve", _result(replace(places, rig=rig, notes=notes)))
 
     setup.start(Task("solve", "Finding the cameras", command), solve)
-
-
-def _levelled(
-    recording: Recording, rig: Rig, height_cm: float, notes: list[str]
-) -> tuple[Rig, list[str]]:
-    """Return a rig levelled by the people's floor, and warnings about it."""
-    placed = replace(recording, rig=rig)
-    try:
-        floor = floor_of(placed, height_cm / 100 if height_cm else 1.7)
-    except InputError as error:
-        return rig, [*notes, str(error)]
-    return floor.move.rig(rig), notes
 
 
 def _result(places: Places) -> dict[str, Any]:
@@ -153,7 +147,9 @@ def move_world(setup: SetupSession, camera_id: str, x: float, y: float, what: st
     move = with_origin(rig, origin, facing)
     keep_before(setup.calibration)
     save_rig(move.rig(rig), setup.calibration)
-    _move_recording(setup, move)
+    path = setup.folder / setup.plan().walk / RECORDED_RIG
+    if setup.plan().walk and path.exists() and (walked := load_rig(path)).placed:
+        save_rig(move.rig(walked), path)
     setup.change(lambda plan: replace(plan, picked_origin=True))
     results = setup.results()
     if results.get("check"):  # its map is of the world of before
@@ -161,14 +157,6 @@ def move_world(setup: SetupSession, camera_id: str, x: float, y: float, what: st
     option = "--origin" if what == "origin" else "--x-axis"
     files = " ".join(2 * [setup.shown(setup.calibration)])
     return f"e3pose calibrate align {files} {option}={words}"
-
-
-def _move_recording(setup: SetupSession, move: Move) -> None:
-    path = setup.folder / setup.plan().walk / RECORDED_RIG
-    if setup.plan().walk and path.exists():
-        rig = load_rig(path)
-        if rig.placed:
-            save_rig(move.rig(rig), path)
 
 
 def floor_at(rig: Rig, camera_id: str, pixel: tuple[float, float]) -> tuple[float, float]:
@@ -250,3 +238,85 @@ def _pixels(points_px: Any) -> list[list[float] | None]:
         [round(float(x), 1), round(float(y), 1)] if np.isfinite([x, y]).all() else None
         for x, y in points_px
     ]
+
+
+def check_command(setup: SetupSession) -> str:
+    """Return the command line that checks."""
+    walk = setup.shown(setup.folder / (setup.plan().second or "second"))
+    return (
+        f"e3pose calibrate check {walk} --calibration {setup.shown(setup.calibration)} "
+        "--picture error.png"
+    )
+
+
+def start_checking(setup: SetupSession) -> None:
+    """Judge the calibration by the second walk, in the background.
+
+    Raises:
+        InputError: where no second walk was recorded.
+    """
+    plan = setup.plan()
+    if not plan.second:
+        raise InputError("second walk", "none", "one that the calibration was not made from")
+
+    def check(task: Task) -> None:
+        task.progress("reading the second walk", 0, 0)
+        recording = first_seconds(load_recording(setup.folder / plan.second), SECONDS)
+        rig = load_rig(setup.calibration)
+        rig = rig.subset([rig.index(name) for name in recording.rig.camera_ids])
+        noise = load_noise(detector_of(recording))
+        found = judge(replace(recording, rig=rig), noise, task.progress)
+        setup.keep_result("check", result(rig, found))
+
+    setup.start(Task("check", "Checking the calibration", check_command(setup)), check)
+
+
+def result(rig: Rig, found: Judgement) -> dict[str, Any]:
+    """Return a judgement for the page."""
+    total = found.room.total_mm
+    known = total[np.isfinite(total)]
+    median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan,) * 2
+    shares = [float(part.mean()) for part in (
+        known <= GOOD_MM, (known > GOOD_MM) & (known <= POOR_MM), known > POOR_MM
+    )] if len(known) else []  # fmt: skip
+    return {
+        "good_mm": GOOD_MM,
+        "poor_mm": POOR_MM,
+        "verdict": verdict(median, worst, shares),
+        "grade": grade(median),
+        "x_m": found.room.x_m.round(3).tolist(),
+        "y_m": found.room.y_m.round(3).tolist(),
+        "map_mm": [[round(v, 1) if np.isfinite(v) else None for v in row] for row in total],
+        "centers": [
+            {"id": camera.camera_id, "x": float(camera.center_m[0]), "y": float(camera.center_m[1])}
+            for camera in rig.cameras
+        ],
+        "cameras": [
+            {
+                "id": name,
+                "words": f"{found.errors_px[i]:.1f} px off where the others see people"
+                if np.isfinite(found.errors_px[i]) else "saw no person that others saw",
+                "expected": found.errors.expected_text(i),
+            }
+            for i, name in enumerate(rig.camera_ids)
+        ],
+        "next": [*found.next_steps, *(f"poor pair: {words}" for words in poor_pairs(rig, found))],
+    }  # fmt: skip
+
+
+def verdict(median_mm: float, worst_mm: float, shares: list[float]) -> str:
+    """Return in one sentence how good a calibration is.
+
+    Args:
+        median_mm: of the error expected over the floor; NaN if it is known nowhere.
+        worst_mm: likewise, the largest.
+        shares: of the floor that is good, fair, poor.
+    """
+    if np.isnan(median_mm):
+        return "No place of the floor was seen by two cameras at once."
+    quality = {"good": "Good", "fair": "Usable", "poor": "Poor"}[grade(median_mm)]
+    return (
+        f"{quality}: a joint is expected to be {median_mm:.0f} mm off in the median over the "
+        f"floor, {worst_mm:.0f} mm at the worst place; {100 * shares[0]:.0f} % of the floor is "
+        "green."
+    )

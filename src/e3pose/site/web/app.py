@@ -15,12 +15,10 @@ from fastapi.responses import JSONResponse
 from e3pose import __version__
 from e3pose.site.joining import Joining
 from e3pose.site.web.api import REFUSALS, asked, make_api, needed
-from e3pose.site.web.control import Ask, make_control, make_join, make_tests
-from e3pose.site.web.feed import Feed
+from e3pose.site.web.control import Ask, make_control, make_join, make_people, make_tests
+from e3pose.site.web.feed import Feed, make_live
 from e3pose.site.web.keep import Keeping, make_keep
-from e3pose.site.web.live import make_live
 from e3pose.site.web.page import make_page
-from e3pose.site.web.people import make_people
 from e3pose.site.web.pictures import PictureRules
 from e3pose.store import Store
 

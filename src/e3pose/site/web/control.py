@@ -1,23 +1,34 @@
-"""The control part of the API: requests are forwarded to the edge, which decides."""
+"""What operators change: requests to the edge, which decides, and names and colours of people."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, HTTPException
+from fastapi import APIRouter, HTTPException, Request
 from pydantic import BaseModel, ConfigDict, Field
 
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.model.camera_fields import check_camera_id
 from e3pose.site.joining import Joining
-from e3pose.site.web.api import asked
+from e3pose.site.web.api import LARGEST, asked
+from e3pose.site.web.api import REFUSALS as READ_REFUSALS
 from e3pose.site.web.schemas import Refused, Shape
+from e3pose.store.people import (
+    MAX_NAME,
+    StoredPerson,
+    people_of,
+    set_colour,
+    set_name,
+)
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Control, Controlled
 
 Ask = Callable[[bytes], bytes | None]
+Number = Annotated[int, Field(ge=0, le=LARGEST)]
 REFUSALS: dict[int | str, dict[str, Any]] = {
     401: {"model": Refused, "description": "the token for writing is needed"},
     403: {"model": Refused, "description": "the token is for reading only"},
@@ -142,3 +153,70 @@ def _send(ask: Ask, control: Control) -> Done:
     if controlled.problem:
         raise HTTPException(409, controlled.problem)
     return Done(said=controlled.said)
+
+
+class PersonChanges(Changes):
+    """Name and colour of a person; None keeps one, an empty text removes it."""
+
+    run: Annotated[Number, Field(description="of the store")]
+    track: Number
+    name: Annotated[str | None, Field(max_length=MAX_NAME)] = None
+    colour: Annotated[str | None, Field(max_length=20)] = None
+    only: Annotated[bool, Field(description="this track, not all of the person's")] = False
+
+
+def make_people(
+    place: str | Path | None,
+    site: str,
+    changed: Callable[[], object],
+    log: Callable[[str], object],
+) -> APIRouter:
+    """Return the routes of named people.
+
+    Args:
+        place: the store; None where nothing is stored.
+        site: whose people.
+        changed: called when somebody got a name or a colour.
+        log: called with a line about it, without the name.
+    """
+    people = APIRouter(prefix="/api")
+    if place is None:
+        return people
+
+    @people.get("/people", summary="People who have a name", responses=READ_REFUSALS)
+    def named() -> list[dict[str, Any]]:
+        return [_body(one) for one in asked(lambda: people_of(place, site, named=True))]
+
+    @people.post("/control/people", summary="Name a person, or choose a colour", responses=REFUSALS)
+    def name(request: Request, changes: PersonChanges) -> Done:
+        track = changes.run, changes.track
+        said = []
+
+        def change() -> None:
+            people = () if changes.only else people_of(place, site, named=True)
+            tracks = next((one.tracks for one in people if track in one.tracks), (track,))
+            if changes.name is not None:
+                count = set_name(place, tracks, changes.name.strip() or None)
+                said.append(f"Named {plural(count, 'track')}" if changes.name else "Name removed")
+            if changes.colour is not None:
+                set_colour(place, tracks, changes.colour or None)
+                said.append(f"Colour: {changes.colour}" if changes.colour else "Usual colour")
+
+        asked(change)
+        if said:
+            who = getattr(request.state, "client", "")
+            log(f"page: {who} changed name or colour of track {track[1]} of run {track[0]}")
+            changed()
+        return Done(said=". ".join(said))
+
+    return people
+
+
+def _body(person: StoredPerson) -> dict[str, Any]:
+    return {
+        "name": person.name,
+        "colour": person.colour,
+        "tracks": [{"run": run, "track": track} for run, track in person.tracks],
+        "first_ns": person.first_ns,
+        "last_ns": person.last_ns,
+    }

@@ -18,7 +18,7 @@ from e3pose.site.connect import LiveSlot
 from e3pose.site.stream_problems import problems_of
 from e3pose.store.database import database_path, database_url
 from e3pose.wire.keys.renewal import expiring, renewal_advice
-from e3pose.wire.site_messages import CameraStatus, Status
+from e3pose.wire.site_messages import Status
 
 LOOK_S = 10.0  # between two looks at disk, certificates and streams
 LEAST_FREE = 200_000_000  # bytes that a disk should have left
@@ -59,7 +59,11 @@ def notices(
     found += [Notice("calibration", status.doubt)] if status.doubt else []
     gone = [c for c in status.cameras if not (c.online or c.paused or sleeps_as_told(c))]
     if gone and status.uptime_s > STARTING_S:
-        found.append(Notice("camera-gone", _gone_words(gone, len(status.cameras))))
+        reasons = _listed([f"{c.title} ({c.why})" if c.why else c.title for c in gone])
+        words = f"{plural(len(gone), 'camera')} of {len(status.cameras)} gone: {reasons}."
+        nobody = "No camera is connected: nobody is seen."
+        all_gone = len(gone) == len(status.cameras)
+        found.append(Notice("camera-gone", nobody if all_gone else words))
     if around.free is not None and around.free < LEAST_FREE:
         left = f"The disk of the store is almost full: {around.free / 1e6:.0f} MB left. "
         found.append(Notice("disk", left + "Make room, or keep less: [store] of the site file."))
@@ -114,13 +118,6 @@ def surroundings(site: ResolvedSite) -> Surroundings:
     """Return the observer of a site's surroundings."""
     place = None if site.file.store is None else database_path(database_url(site.file.store.place))
     return Surroundings(place, site.file.link.keys, site=site.file.path)
-
-
-def _gone_words(gone: Sequence[CameraStatus], count: int) -> str:
-    if len(gone) == count:
-        return "No camera is connected: nobody is seen."
-    reasons = [f"{c.title} ({c.why})" if c.why else c.title for c in gone]
-    return f"{plural(len(gone), 'camera')} of {count} gone: {_listed(reasons)}."
 
 
 def _store_words(slot: LiveSlot, status: Status) -> str:

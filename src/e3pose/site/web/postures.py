@@ -57,7 +57,12 @@ def doing(
     for row, track in enumerate(slot.people.track_ids.tolist()):
         does = posture(track, watch)
         known = [ns for ns in (does["since_ns"], since_ns.get(track)) if ns is not None]
-        does |= {"since_ns": min(known, default=None), "zones": _stays(track, zones)}
+        stays = [
+            {"name": table.name, "since_ns": inside[track].since_ns}
+            for table, inside in zip(zones.tables, zones.stays, strict=False)
+            if track in inside
+        ]
+        does |= {"since_ns": min(known, default=None), "zones": stays}
         found.append({**does, "unsure": unsure[row]})
     return found
 
@@ -105,11 +110,3 @@ def posture(track: int, watch: Watch | None) -> dict[str, Any]:
 
 def _known(value: float, digits: int) -> float | None:
     return round(value, digits) if np.isfinite(value) else None
-
-
-def _stays(track: int, zones: Zones) -> list[Mapping[str, Any]]:
-    return [
-        {"name": table.name, "since_ns": inside[track].since_ns}
-        for table, inside in zip(zones.tables, zones.stays, strict=False)
-        if track in inside
-    ]
