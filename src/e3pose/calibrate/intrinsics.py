@@ -398,10 +398,19 @@ def _without_outliers(
     """
     cleaned = np.array(corners_px[used])
     for _ in range(CLEANINGS):
-        length = _best_errors(image_size, corners_m, cleaned)
-        if length is None:
+        # `(num_views, num_corners)` errors of the lens model that fits most corners best.
+        best: Floats | None = None
+        for model in ("pinhole", "fisheye"):
+            try:
+                camera = _fitted("first", model, image_size, corners_m, cleaned)
+            except (ValueError, InputError):
+                continue
+            length = np.linalg.norm(resect(camera, corners_m, cleaned)[1], axis=-1)
+            if best is None or np.nanmedian(length) < np.nanmedian(best):
+                best = length
+        if best is None:
             break
-        typical = float(np.nanmedian(length))
+        length, typical = best, float(np.nanmedian(best))
         # A view is judged by its median: a few corners that are wrong are no reason to lose it.
         views = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else np.inf
                           for own in length])  # fmt: skip
@@ -413,22 +422,6 @@ def _without_outliers(
         enough = good & (np.isfinite(cleaned[..., 0]).sum(axis=1) >= MIN_VIEW_CORNERS)
         used, cleaned = used[enough], cleaned[enough]
     return used, cleaned
-
-
-def _best_errors(
-    image_size: tuple[int, int], corners_m: Floats, corners_px: Floats
-) -> Floats | None:
-    """Return `(num_views, num_corners)` errors of the lens model that fits most corners best."""
-    best: Floats | None = None
-    for model in ("pinhole", "fisheye"):
-        try:
-            camera = _fitted("first", model, image_size, corners_m, corners_px)
-        except (ValueError, InputError):
-            continue
-        length = np.linalg.norm(resect(camera, corners_m, corners_px)[1], axis=-1)
-        if best is None or np.nanmedian(length) < np.nanmedian(best):
-            best = length
-    return best
 
 
 def _fitted(

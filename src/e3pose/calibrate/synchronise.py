@@ -333,16 +333,12 @@ def synchronise(
         InputError: naming the cameras whose motion fits no other's.
     """
     found = _in_slots(recording, noise, max_shift_s, progress)
-    offsets_s = found.offsets_s - _beside_slots(recording)
-    return replace(found, offsets_s=offsets_s - offsets_s[0])
-
-
-def _beside_slots(recording: Recording) -> Floats:
-    """Return how long after the middles of its slots each camera usually takes its frames."""
-    return np.array([
+    beside_slots_s = np.array([  # how long after the middles frames are usually taken
         np.median(series.times_s - series.slots / recording.fps) if len(series.slots) else 0.0
         for series in recording.views
     ])  # fmt: skip
+    offsets_s = found.offsets_s - beside_slots_s
+    return replace(found, offsets_s=offsets_s - offsets_s[0])
 
 
 def _in_slots(

@@ -117,7 +117,18 @@ def adjust_wand(
     """
     points = _placed(rig, keypoints_px, sigma_px)
     shares = _shares(wand, points)
-    _check_seen(wand, points, shares)
+    alone = np.isfinite(points[..., 0]).sum(axis=0).tolist()
+    counts = ", ".join(f"{name} {n}" for name, n in zip(wand.markers, alone, strict=True))
+    number = int(np.isfinite(shares).any(axis=1).sum())
+    if number < MIN_TIMES:
+        raise InputError(
+            f"wand: two of its markers were placed at {number} times ({counts}), expected "
+            f"{MIN_TIMES} at least: turn it longer so that two cameras see both ends, or sample "
+            "more frames (--rate)"
+        )
+    if min(alone) < MIN_TIMES // 3:
+        least = MIN_TIMES // 3
+        raise InputError(f"wand: markers were placed at times: {counts}, expected {least} at least")
     factor, spread = _checked(wand, shares)
     rig, points = Move(factor, np.eye(3), np.zeros(3)).rig(rig), factor * points
     known = np.flatnonzero(np.isfinite(shares).any(axis=1))
@@ -173,22 +184,6 @@ def _along(wand: Wand, points: Floats) -> Floats:
     Ts[:, :3, :3] = np.stack([x, y, np.cross(x, y)], axis=-1)
     Ts[:, :3, 3] = np.nanmean(points - wand.places_m[:, None] * x[:, None], axis=1)
     return Ts
-
-
-def _check_seen(wand: Wand, points: Floats, shares: Floats) -> None:
-    """Raise `InputError` unless its markers were placed together often enough."""
-    alone = np.isfinite(points[..., 0]).sum(axis=0).tolist()
-    counts = ", ".join(f"{name} {n}" for name, n in zip(wand.markers, alone, strict=True))
-    number = int(np.isfinite(shares).any(axis=1).sum())
-    if number < MIN_TIMES:
-        raise InputError(
-            f"wand: two of its markers were placed at {number} times ({counts}), expected "
-            f"{MIN_TIMES} at least: turn it longer so that two cameras see both ends, or sample "
-            "more frames (--rate)"
-        )
-    if min(alone) < MIN_TIMES // 3:
-        least = MIN_TIMES // 3
-        raise InputError(f"wand: markers were placed at times: {counts}, expected {least} at least")
 
 
 def _checked(wand: Wand, shares: Floats) -> tuple[float, float]:

@@ -40,14 +40,6 @@ def small_grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def is_unchanged(small: NDArray[np.uint8], before: NDArray[np.uint8]) -> bool:
-    """Return whether two small images show the same."""
-    if small.shape != before.shape:
-        return False
-    apart = np.abs(small.astype(np.int16) - before)
-    return int((apart > CHANGED).sum()) < FEWEST_CHANGED
-
-
 class Gate:
     """Looks with a network, but where the image is unchanged; for one thread.
 
@@ -84,8 +76,10 @@ class Gate:
         small, since_s = small_grey(image), (captured_ns - self._looked_ns) / 1e9
         before, covers = self._small, self._whole or expected is not None
         recent = covers and 0 < since_s <= MOST_UNCHANGED_S
-        if recent and before is not None and is_unchanged(small, before):
-            return replace(self._found, unchanged_s=since_s)
+        if recent and before is not None and small.shape == before.shape:
+            apart = np.abs(small.astype(np.int16) - before)
+            if (apart > CHANGED).sum() < FEWEST_CHANGED:
+                return replace(self._found, unchanged_s=since_s)
         begin()
         self._found = detect_expected(self.detector, image, expected)
         self._small, self._looked_ns, self._whole = small, captured_ns, expected is None

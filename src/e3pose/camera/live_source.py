@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -285,10 +286,8 @@ class StreamSource:
         if coded is None:
             self.close()
             time.sleep(READ_S / 2)
-            try:
+            with suppress(InputError):
                 self.open()
-            except InputError:
-                return None
             return None
         now_ns = self.clock.now_ns()
         if (self._needed or coded.stream is None) and not coded.decode():

@@ -53,6 +53,17 @@ class Probe:
     nominal_fps: float | None = None
     note: str = ""
 
+    def doubts(self) -> list[str]:
+        """Return what a person should know of it before it is used, a line each."""
+        found = [self.note] if self.note else []
+        found += ["its picture is dark; is the lens covered?"] if self.dark else []
+        if self.nominal_fps is not None and self.fps < self.nominal_fps:
+            found.append(
+                f"its source announces {self.nominal_fps:.3g} frames per second and brings "
+                f"{self.fps:.3g}: the site gets no more slots per second"
+            )
+        return found
+
     def rate_words(self) -> str:
         """Return its rate in words, and that it announces another one if it does."""
         announced = f" ({self.nominal_fps:.3g} announced)" if self.nominal_fps else ""

@@ -195,7 +195,10 @@ def main(tokens: Sequence[str] | None = None) -> None:
     if threading.current_thread() is threading.main_thread():
         for number in END_SIGNALS[1:]:
             signal.signal(number, _interrupt)
-    _open_closed()
+    # What the caller closed is opened: the next file or connection would become our output.
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name that it cannot show is no reason to stop
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
@@ -240,13 +243,6 @@ class _Help(DefaultFormatter):
 
 def _interrupt(number: int, _frame: object) -> NoReturn:
     raise KeyboardInterrupt(number)
-
-
-def _open_closed() -> None:
-    """Open what the caller closed: the next file or connection would become our output."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def _ending(error: BaseException) -> tuple[str, int]:

@@ -140,7 +140,7 @@ def intrinsics(
     filmed = Board.parse(board)
     named = name_videos(films)
     reports = []
-    with camera_bar("looking for the board") as bar:
+    with camera_bar() as bar:
         for camera_id, path in named.items():
             views = find_board(camera_id, path, filmed, None, frames, bar(camera_id))
             fit = fit_intrinsics(
@@ -176,13 +176,13 @@ def check_picture(option: str, path: Path) -> None:
 
 
 @contextmanager
-def camera_bar(label: str) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Yield what makes a bar for one camera, of work done and in all; silent in a pipe."""
+def camera_bar() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """Yield what makes a bar for one camera, of frames looked at; silent in a pipe."""
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
 
         def begin(camera_id: str) -> Callable[[int, int], None]:
-            task = bar.add_task(f"{camera_id}: {label}", total=None)
+            task = bar.add_task(f"{camera_id}: looking for the board", total=None)
             return lambda done, total: bar.update(task, completed=done, total=total)
 
         yield begin

@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Group, Parameter
 
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import length_m, plural
+from e3pose.base.quantities import check_within, length_m, plural
 from e3pose.calibrate.ball import check_colours
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.points_file import load_markers, load_points
@@ -225,8 +225,7 @@ def _places(
 def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOptions) -> Places:
     from e3pose.calibrate.people_places import from_people
 
-    if not 0 < people.seconds <= MOST_SECONDS:
-        raise InputError(f"--seconds: found {people.seconds:g}, expected more than 0, at most 3600")
+    check_within("--seconds", people.seconds, 1e-3, MOST_SECONDS)
     recording = first_seconds(load_recording(path), people.seconds)
     _check_names(recording, known)
     if lenses is not None:
@@ -277,11 +276,10 @@ def _films(
     from e3pose.calibrate.places import from_ball_films, from_board_films
 
     rate = film.rate
-    if not 0.1 <= rate <= 240:
-        raise InputError(f"--rate: found {rate:g}, expected 0.1 to 240 a second")
+    check_within("--rate", rate, 0.1, 240)
     named = name_videos(sources)
     used = lenses.subset([lenses.index(name) for name in named])
-    offsets = camera_seconds("--offset", film.offset or [])
+    offsets = camera_seconds(film.offset or [])
     for name in offsets:
         used.index(name)
     if len(used) < 2:
@@ -294,7 +292,7 @@ def _films(
         return from_ball_films(named, used, carried, offsets, rate, known)
     if known.height_m is not None or known.distance is not None or known.limb is not None:
         raise InputError("--height, --distance, --limb: the board states the scale, expected none")
-    with camera_bar("looking for the board") as bar:
+    with camera_bar() as bar:
         return from_board_films(named, used, Board.parse(film.board), offsets, rate, bar)
 
 
@@ -362,7 +360,9 @@ def _table(places: Places, names: Sequence[str]) -> list[str]:
     lines = [f"{heads}  shares with"]
     for i, camera in enumerate(places.rig.cameras):
         x, y, z = (value + 0.0 for value in np.round(camera.center_m, 2).tolist())  # no -0.00
-        others = ", ".join(names[j] for j in _most_shared(places, i))
+        together = enumerate(places.together[i].tolist())
+        most = sorted((-shared, j) for j, shared in together if j != i and shared > 0)
+        others = ", ".join(names[j] for _, j in most[:2])
         found = "*" if camera.lens_assumed else " "
         lines.append(
             f"{names[i]:{width}}  {places.errors_px[i]:8.2f}  {100 * places.outliers[i]:6.0f} %  "
@@ -389,9 +389,3 @@ def _focal(places: Places, camera: int) -> str:
     if places.expected is None or not places.rig.cameras[camera].lens_assumed:
         return ""
     return f"; focal length good to {100 * places.expected.focal_share[camera]:.1g} %"
-
-
-def _most_shared(places: Places, camera: int) -> list[int]:
-    """Return the two cameras that share most with one, most first."""
-    shared = [(-int(n), j) for j, n in enumerate(places.together[camera]) if j != camera and n > 0]
-    return [j for _, j in sorted(shared)[:2]]

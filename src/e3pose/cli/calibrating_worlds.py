@@ -11,7 +11,7 @@ from cyclopts import Group, Parameter
 
 from e3pose.base.atomic import check_output
 from e3pose.base.errors import InputError
-from e3pose.base.quantities import length_m
+from e3pose.base.quantities import check_within, length_m
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_views import find_board
 from e3pose.calibrate.recordings import first_seconds
@@ -179,8 +179,7 @@ def check(
     from e3pose.calibrate.expected_error import draw_error
     from e3pose.calibrate.judge import judge
 
-    if not 0 < seconds <= 3600:
-        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    check_within("--seconds", seconds, 1e-3, 3600)
     if picture is not None:
         check_picture("--picture", picture)
         check_output(picture)

@@ -87,7 +87,7 @@ class FrameOptions:
 
     def rotations(self, calibration: Path | None) -> dict[str, int]:
         """Return the rotations of these options and of a calibration file."""
-        given = camera_rotations("--rotation", self.rotation or [])
+        given = camera_rotations(self.rotation or [])
         if calibration is None:
             return given
         known = load_calibration(calibration).rotations
@@ -159,7 +159,7 @@ def detect(
         start_s=frames.start,
         max_slots=frames.max_slots,
         rotations=rotations,
-        offsets_s=camera_seconds("--offset", frames.offset or []),
+        offsets_s=camera_seconds(frames.offset or []),
         as_stored=frames.as_stored,
         keep_videos="link" if output.link_videos else "copy" if output.copy_videos else "refer",
         overwrite=output.overwrite,
@@ -214,8 +214,8 @@ def _checksums(path: Path) -> list[str]:
     return [file_sha256(file)[:16] for file in files]
 
 
-def camera_seconds(option: str, words: Sequence[str]) -> dict[str, float]:
-    """Read words such as `cam1=0.25`; raise `InputError` naming the option if one is not so."""
+def camera_seconds(words: Sequence[str]) -> dict[str, float]:
+    """Read words of --offset such as `cam1=0.25`; raise `InputError` if one is not so."""
     offsets: dict[str, float] = {}
     for word in words:
         camera_id, equals, seconds = word.rpartition("=")
@@ -224,18 +224,18 @@ def camera_seconds(option: str, words: Sequence[str]) -> dict[str, float]:
         except ValueError:
             equals = ""
         if not equals:
-            raise InputError(f"{option}: found {word!r}, expected CAMERA=SECONDS")
+            raise InputError(f"--offset: found {word!r}, expected CAMERA=SECONDS")
     return offsets
 
 
-def camera_rotations(option: str, words: Sequence[str]) -> dict[str, int]:
-    """Read words such as `cam1=90`; raise `InputError` naming the option if one is not so."""
+def camera_rotations(words: Sequence[str]) -> dict[str, int]:
+    """Read words of --rotation such as `cam1=90`; raise `InputError` if one is not so."""
     found: dict[str, int] = {}
     for word in words:
         camera_id, _, degrees = word.rpartition("=")
         angle = int(degrees) if degrees.isascii() and degrees.isdigit() else None
         if not camera_id or angle not in get_args(Rotation):
-            raise InputError(option, repr(word[:80]), "CAMERA=DEGREES with 0, 90, 180 or 270")
+            raise InputError("--rotation", repr(word[:80]), "CAMERA=DEGREES with 0, 90, 180 or 270")
         found[camera_id] = int(degrees)
     return found
 

@@ -7,7 +7,7 @@ import math
 import statistics
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,7 +30,7 @@ from e3pose.energy.meters.base import MAX_WATTS, Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.meters.plug import open_plug
-from e3pose.energy.plan import PlanRow, draw, hours_text, load_boards, plan, profile_board
+from e3pose.energy.plan import draw, hours_text, load_boards, plan, profile_board
 from e3pose.energy.profiles import Activity, Mode, load_profile, modes_of, profile_text
 from e3pose.evaluate.columns import print_tables, table_console
 from e3pose.settings.sources import detects
@@ -348,26 +348,23 @@ def plan_site(
             raise InputError("--battery", "none", "a battery, whose time is drawn")
         draw(rows, f"{plural(people, 'person', 'people')}, {error}, {battery} each", picture)
     if not is_stdout(json_file):
-        _print_plan(rows)
-
-
-def _print_plan(rows: Sequence[PlanRow]) -> None:
-    columns: dict[str, list[str]] = {
-        "cameras": [f"{r.reach.cameras}" if r.reach else "-" for r in rows],
-        "active": [f"{r.reach.active:.2f}" if r.reach else "-" for r in rows],
-        "W each": [_range(*r.watts) for r in rows],
-        "battery": [hours_text(r) for r in rows],
-    }
-    for name in ("idle", "busy", "sleep", "wake"):
-        figures = [getattr(row.board, name) for row in rows]
-        columns[name] = ["unknown" if f is None else f"{f.value:g}" for f in figures]
-    print_tables(table_console(), {"board": [r.board.name for r in rows]}, columns, left=["board"])
-    print("idle, busy, sleep: watts; wake: seconds. Sources:")
-    for row in rows:
+        columns: dict[str, list[str]] = {
+            "cameras": [f"{r.reach.cameras}" if r.reach else "-" for r in rows],
+            "active": [f"{r.reach.active:.2f}" if r.reach else "-" for r in rows],
+            "W each": [_range(*r.watts) for r in rows],
+            "battery": [hours_text(r) for r in rows],
+        }
         for name in ("idle", "busy", "sleep", "wake"):
-            if (figure := getattr(row.board, name)) is not None:
-                when = f" ({figure.date})" if figure.date else ""
-                print(f"  {row.board.name}, {name}: {figure.source}{when}")
+            figures = [getattr(row.board, name) for row in rows]
+            columns[name] = ["unknown" if f is None else f"{f.value:g}" for f in figures]
+        keys = {"board": [row.board.name for row in rows]}
+        print_tables(table_console(), keys, columns, left=["board"])
+        print("idle, busy, sleep: watts; wake: seconds. Sources:")
+        for row in rows:
+            for name in ("idle", "busy", "sleep", "wake"):
+                if (figure := getattr(row.board, name)) is not None:
+                    when = f" ({figure.date})" if figure.date else ""
+                    print(f"  {row.board.name}, {name}: {figure.source}{when}")
 
 
 def _range(low: float | None, high: float | None) -> str:

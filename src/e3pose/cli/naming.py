@@ -14,7 +14,7 @@ from e3pose.base.quantities import plural
 from e3pose.cli.options import StorePlace, Whole, warn
 from e3pose.cli.querying import check_numbers, store_of
 from e3pose.evaluate.columns import print_tables, table_console
-from e3pose.settings.resolved import ResolvedSite, resolve_site
+from e3pose.settings.resolved import resolve_site
 from e3pose.store.exported import FORMS, forget_rows
 from e3pose.store.times import iso_text
 
@@ -165,7 +165,7 @@ def forget(
             print(f"{path}: {plural(forget_rows(path, tracks), 'row')} deleted")
     print(f"Forgets {_shown(tracks)}")
     left = False
-    site = _site_of(store)
+    site = None if store_of(store, None)[1] is None else resolve_site(Path(store))
     if site is not None:
         span_ns = (
             min((person.first_ns for person in there), default=time.time_ns()),
@@ -196,13 +196,6 @@ def _found(store: str, person: str, run: int | None) -> tuple[str, tuple[Track, 
     check_numbers({"--run": (run,), "PERSON": (int(person),) if person.isdecimal() else ()})
     place, site = store_of(store, None)
     return place, tracks_of(place, person, site, run)
-
-
-def _site_of(store: str) -> ResolvedSite | None:
-    """Return the site that was named; None for a store alone."""
-    if store_of(store, None)[1] is None:
-        return None
-    return resolve_site(Path(store))
 
 
 def _shown(tracks: Sequence[Track]) -> str:

@@ -323,21 +323,17 @@ def _detect(
     steps: Steps, paths: Mapping[str, Path], recording: Path, more: Sequence[object]
 ) -> None:
     options, files = steps.options, _files(paths)
-    words = ["detect", *_named(paths), recording, "--model", options.model, *more]
-    words += ["--name", _title(files)] + ["--as-stored"] * options.as_stored
-    words += [] if options.threads is None else ["--threads", options.threads]
-    if options.calibration is not None:
-        words, files = [*words, "--calibration", options.calibration], [*files, options.calibration]
-    steps.run("detect", words, files, recording)
-
-
-def _title(files: Sequence[Path]) -> str:
-    """Return what the report is called: the films, and the folder that has all of them."""
     names = ", ".join(file.name for file in files)
     if len(names) > MAX_TITLE:
         names = f"{files[0].name} to {files[-1].name}, {plural(len(files), 'film')}"
     folders = {file.absolute().parent.name for file in files}
-    return f"{folders.pop()}: {names}" if len(folders) == 1 else names
+    title = f"{folders.pop()}: {names}" if len(folders) == 1 else names
+    words = ["detect", *_named(paths), recording, "--model", options.model, *more]
+    words += ["--name", title] + ["--as-stored"] * options.as_stored
+    words += [] if options.threads is None else ["--threads", options.threads]
+    if options.calibration is not None:
+        words, files = [*words, "--calibration", options.calibration], [*files, options.calibration]
+    steps.run("detect", words, files, recording)
 
 
 def _results(steps: Steps, recording: Path, rig: Path) -> None:

@@ -195,15 +195,8 @@ def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
         found[camera_id] = seen
         width, height = seen.image_size
         print(f"{camera_id}: {masked(named[camera_id])}, {width} x {height} at {seen.rate_words()}")
-        if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:
-            warn(
-                f"camera {camera_id}: its source announces {seen.nominal_fps:.3g} frames per "
-                f"second and brings {seen.fps:.3g}: the site gets no more slots per second"
-            )
-        if seen.note:
-            warn(f"camera {camera_id}: {seen.note}")
-        if seen.dark:
-            warn(f"camera {camera_id}: its picture is dark; is the lens covered?")
+        for doubt in seen.doubts():
+            warn(f"camera {camera_id}: {doubt}")
         if rig is not None:
             expected = rig.cameras[rig.index(camera_id)].image_size
             if seen.image_size != expected:

@@ -12,6 +12,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.base.atomic import check_free
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import check_within
 from e3pose.calibrate.recordings import first_seconds
 from e3pose.camera.provenance import load_provenance, save_provenance
 from e3pose.camera.source import open_video
@@ -72,10 +73,8 @@ def sync(
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
-    if not 0 < max_shift <= 600:
-        raise InputError(f"--max-shift: found {max_shift:g}, expected more than 0, at most 600 s")
-    if not 0 < seconds <= 3600:
-        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    check_within("--max-shift", max_shift, 1e-3, 600)
+    check_within("--seconds", seconds, 1e-3, 3600)
     if not paths:
         raise InputError("PATH: found none, expected videos with sound, or a recording")
     if Path(paths[0]).is_dir() or (len(paths) == 1 and "=" not in paths[0]):

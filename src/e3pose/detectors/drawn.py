@@ -85,18 +85,11 @@ def draw(image: Image, people: Sequence[NDArray[np.float64]]) -> Image:
             if seen[a] and seen[b]:
                 cv2.line(drawn, ends[a], ends[b], (LIMB_GREY,) * 3, radius // 2, cv2.LINE_AA, 4)
         for joint in np.flatnonzero(seen).tolist():
-            color = _color(joint, LEVELS[number])
+            hue = round(joint * HUES / len(COCO17)) % HUES
+            pixel = np.array([[[hue, 255, LEVELS[number]]]], dtype=np.uint8)
+            color = cv2.cvtColor(pixel, cv2.COLOR_HSV2RGB)[0, 0].tolist()
             cv2.circle(drawn, ends[joint], radius * 16, color, -1, cv2.LINE_AA, 4)
     return drawn
-
-
-def _color(joint: int, level: int) -> tuple[int, int, int]:
-    import cv2
-
-    hue = round(joint * HUES / len(COCO17)) % HUES
-    pixel = np.array([[[hue, 255, level]]], dtype=np.uint8)
-    red, green, blue = cv2.cvtColor(pixel, cv2.COLOR_HSV2RGB)[0, 0].tolist()
-    return red, green, blue
 
 
 def _radius(height: int) -> int:

@@ -86,8 +86,11 @@ class EcPose(InParts):
         if points.shape[:3] != (1, scores.size, JOINTS) or labels.size != scores.size:
             raise self._error([output.shape for output in outputs.values()])
         people = (scores[0] > MIN_PERSON_SCORE) & (labels[0] == PERSON)
-        own = _joint_scores(points[0, people], scores[0, people].astype(np.float64))
-        return points[0, people, :, :2], own
+        found = points[0, people]
+        if found.shape[-1] == 3:  # else each joint has the score of its person
+            return found[..., :2], found[..., 2]
+        own = scores[0, people].astype(np.float64)
+        return found, np.broadcast_to(own[:, None], found.shape[:2])
 
     def _error(self, found: Any) -> InputError:
         shapes = str([list(shape) for shape in found])
@@ -120,10 +123,3 @@ class RfDetr(EcPose):
 
 def _share(logits: NDArray[Any]) -> NDArray[Any]:
     return 0.5 + 0.5 * np.tanh(logits / 2)  # no exponential that may overflow
-
-
-def _joint_scores(points: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `(N, 17)`: the score of each joint, or of its person where joints have none."""
-    if points.shape[-1] == 3:
-        return points[..., 2]
-    return np.broadcast_to(scores[:, None], points.shape[:2])

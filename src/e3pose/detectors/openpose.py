@@ -280,7 +280,11 @@ class OpenPose(InParts):
     """
 
     def __init__(self, network: Network, topology: Topology) -> None:
-        check_maps(network, topology)
+        check_image_input(network, topology.name, ("float",))
+        declared = [output[1] for output in network.output_shapes if len(output) == 4]
+        for count in topology.outputs:
+            if count not in declared and None not in declared:
+                raise _mismatch(network, topology, [list(shape) for shape in network.output_shapes])
         self.skeleton = topology.skeleton
         self._network = network
         self.provider, self.threads = network.provider, network.threads
@@ -350,15 +354,6 @@ class OpenPose(InParts):
 
     def _error(self, found: Any) -> InputError:
         return _mismatch(self._network, self._topology, found)
-
-
-def check_maps(network: Network, topology: Topology) -> None:
-    """Raise `InputError` unless the network's declared shapes can be those of `topology`."""
-    check_image_input(network, topology.name, ("float",))
-    declared = [output[1] for output in network.output_shapes if len(output) == 4]
-    for count in topology.outputs:
-        if count not in declared and None not in declared:
-            raise _mismatch(network, topology, [list(shape) for shape in network.output_shapes])
 
 
 def _mismatch(network: Network, topology: Topology, found: Any) -> InputError:

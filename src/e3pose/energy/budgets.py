@@ -192,8 +192,8 @@ def common_lifetime(
 
     wanted = min(num_selected, float(len(supplies)))
     low, high = 1.0, FOREVER_S
-    if shares(high).sum() >= wanted:
-        return _scaled(shares(high), wanted), high
+    if (total := shares(high).sum()) >= wanted:
+        return shares(high) * (wanted / total if total > 0 else 1.0), high
     for _ in range(BISECTIONS):
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if shares(middle).sum() >= wanted else (low, middle)
@@ -223,12 +223,6 @@ def _share(allowance: Floats, active: Floats, idle: Floats) -> Floats:
     # A camera whose active slots cost nothing extra has nothing to save.
     share = np.where(extra > 0, (allowance - idle) / np.where(extra > 0, extra, 1.0), 1.0)
     return np.asarray(np.clip(share, 0.0, 1.0))
-
-
-def _scaled(shares: Floats, wanted: float) -> Floats:
-    """Return shares that add up to what is wanted, in proportion to what each could give."""
-    total = shares.sum()
-    return np.asarray(shares * (wanted / total)) if total > 0 else shares
 
 
 def _error(words: str) -> InputError:

@@ -82,11 +82,9 @@ FIGURE_NAMES = {
 }
 
 
-def print_summary(
-    summary: Summary, console: Console | None = None, titles: Mapping[str, str] | None = None
-) -> None:
+def print_summary(summary: Summary, titles: Mapping[str, str] | None = None) -> None:
     """Print the figures of one replay and what every camera did, by their titles."""
-    console = table_console() if console is None else console
+    console = table_console()
     title = f"policy {summary.policy}, {plural(summary.slots, 'slot')}"
     if summary.smooth is not None:
         title += f", smoothed ({summary.smooth})"

@@ -99,7 +99,8 @@ def spot_rig(
         K = _intrinsics(image_size, spot.view_deg)
         place = _looking(centre, target)
         if spot.roll_deg:
-            place[:3, :3] = place[:3, :3] @ _rolled(spot.roll_deg)
+            c, s = np.cos(np.radians(spot.roll_deg)), np.sin(np.radians(spot.roll_deg))
+            place[:3, :3] = place[:3, :3] @ [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
         cameras.append(Camera(f"cam{index}", image_size, K, place, np.zeros(0), False))
         focus_m.append(float(np.linalg.norm(target - centre)))
     return Rig(tuple(cameras)), np.array(focus_m)
@@ -126,12 +127,6 @@ def _intrinsics(image_size: tuple[int, int], view_deg: float) -> Floats:
     width, height = image_size
     focal = max(image_size) / 2 / np.tan(np.radians(view_deg / 2))
     return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
-
-
-def _rolled(degrees: float) -> Floats:
-    """Return the `(3, 3)` turn of a camera about its axis."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _looking(centre_m: Floats, target_m: Floats) -> Floats:

@@ -39,7 +39,10 @@ def epipolar_distances_px(recording: Recording) -> Floats:
     lines = np.zeros((num_cameras, num_cameras, 3, 3))  # [a, b] maps pixels of a to lines in b
     for a, b in permutations(range(num_cameras), 2):
         lines[a, b] = rig.fundamental(a, b)
-    for slot in _sampled_slots(recording):
+    peopled = [series.slots[np.diff(series.starts) > 0] for series in recording.views]
+    slots, counts = np.unique(np.concatenate(peopled), return_counts=True)
+    useful = slots[counts >= 2]
+    for slot in useful[:: max(1, len(useful) // SAMPLED_SLOTS)].tolist():
         views = [_sample(recording.view(slot, camera)) for camera in range(num_cameras)]
         pixels = [
             rig.cameras[camera].undistort(view.keypoints_px) for camera, view in enumerate(views)
@@ -86,13 +89,6 @@ def truth_distances_px(recording: Recording) -> Floats:
             best = np.min(np.where(np.isnan(distances), np.inf, distances), axis=1)
             samples[camera] += best[np.isfinite(best)].tolist()
     return np.array([np.median(s) if len(s) >= MIN_SAMPLES else np.nan for s in samples])
-
-
-def _sampled_slots(recording: Recording) -> list[int]:
-    peopled = [series.slots[np.diff(series.starts) > 0] for series in recording.views]
-    slots, counts = np.unique(np.concatenate(peopled), return_counts=True)
-    useful = slots[counts >= 2]
-    return [int(slot) for slot in useful[:: max(1, len(useful) // SAMPLED_SLOTS)]]
 
 
 def _sample(view: Poses2D | None) -> Poses2D:

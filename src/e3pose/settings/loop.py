@@ -236,13 +236,6 @@ class LoopSettings:
         target_m = self.target_error_m
         if target_m is not None and not 0 < target_m <= MAX_TARGET_M:
             raise InputError("target_error", f"{1000 * target_m:g} mm", "1 mm to 1 m")
-        self._check_rest()
-        shares = self.budget if isinstance(self.budget, tuple) else (self.budget,)
-        for share in shares:
-            if share is not None and not 0 < share <= 1:
-                raise InputError("budget", f"{share:g}", "a share of the slots in (0, 1]")
-
-    def _check_rest(self) -> None:
         watts, find_s = self.watts, self.find_within_s
         if watts is not None and not 0 < watts <= MAX_WATTS:
             raise InputError("watts", f"{watts:g} W", f"more than 0 and at most {MAX_WATTS:g} W")
@@ -250,6 +243,10 @@ class LoopSettings:
             raise InputError("watts", "without rest", "rest = asleep or suspended")
         if not FIND_RANGE_S[0] <= find_s <= FIND_RANGE_S[1]:
             raise InputError("find_within", f"{find_s:g} s", "0.1 s to an hour")
+        shares = self.budget if isinstance(self.budget, tuple) else (self.budget,)
+        for share in shares:
+            if share is not None and not 0 < share <= 1:
+                raise InputError("budget", f"{share:g}", "a share of the slots in (0, 1]")
 
     @property
     def policy_name(self) -> str:

@@ -269,9 +269,14 @@ def detect_people(
         slots, people = np.nonzero(inside.any(axis=-1))
         exact = keypoints[slots, people], scores[slots, people]
         return _gathered(slots, *exact, fps, num_slots, streams[7])
-    depth = _depth(camera, world_m)
+    hips = world_m[:, :, 11:13].mean(axis=2)
+    depth = np.linalg.norm(hips - camera.center_m, axis=-1)
+    depth = np.maximum(np.nan_to_num(depth, nan=1.0), 0.3)
     px_per_m = 0.5 * (camera.K[0, 0] + camera.K[1, 1]) / depth
-    lost = _odds_lost(depth / focus_m, px_per_m, settings.blur)
+    # Log-odds that blur and distance take from scores.
+    blur = np.maximum(np.abs(np.log2(depth / focus_m)) - np.log2(FOCUS_RANGE), 0.0)
+    small = np.maximum(np.log2(SMALL_PX_PER_M / px_per_m), 0.0)
+    lost = OUT_OF_FOCUS * blur + small + settings.blur
     if settings.guessing is not None:
         assert fields is not None
         things = behind_things(centre, joints_m, scene.occluders)
@@ -332,7 +337,15 @@ def _by_score(
         covered_by_others(centre, joints_m), behind_things(centre, joints_m, scene.occluders)
     )
     scores = _scores(own, other, odds_lost, fps, streams[0])
-    missed = _missed(own, other, px_per_m, fps, settings, streams[1:3])
+    # `(num_slots, num_persons, 17)`: joints that are missed, alone or with the person.
+    own_miss = np.full(17, settings.self_occluded_miss)
+    own_miss[FACE] = settings.behind_head_miss
+    share = settings.joint_miss + (own_miss - settings.joint_miss) * own
+    share = share + (settings.occluded_miss - share) * other
+    missed = normal_cdf(correlated(streams[1], own.shape, 1 / fps, MISS_MEMORY)) < share
+    tiny = np.clip(2 * (1 - px_per_m / TINY_PX_PER_M), 0.0, 1.0)
+    nobody = episodes(streams[2], px_per_m.shape, 1 / fps, np.maximum(settings.person_miss, tiny))
+    missed = missed | nobody[..., None]
     # Errors `(num_slots, num_persons, 17, 2)` in pixels are correlated in time.
     rng = streams[3]
     direction = correlated(rng, (*scores.shape, 2), 1 / fps, settings.memory.parts)
@@ -354,13 +367,6 @@ def until(series: ViewSeries, end: float) -> ViewSeries:
     )
 
 
-def _depth(camera: Camera, world_m: Floats) -> Floats:
-    """Return `(num_slots, num_persons)` metres of the hips before the camera, 0.3 at the least."""
-    hips = world_m[:, :, 11:13].mean(axis=2)
-    depth = np.linalg.norm(hips - camera.center_m, axis=-1)
-    return np.asarray(np.maximum(np.nan_to_num(depth, nan=1.0), 0.3))
-
-
 def _scores(
     own: Floats, other: Floats, odds_lost: Floats, fps: float, rng: np.random.Generator
 ) -> Floats:
@@ -369,32 +375,6 @@ def _scores(
     odds = odds - SELF_COVERED * own - COVERED * other
     odds -= odds_lost[..., None]
     return np.asarray(BEST_SCORE / (1 + np.exp(-odds)))
-
-
-def _odds_lost(relative_depth: Floats, px_per_m: Floats, haze: float) -> Floats:
-    """Return the log-odds `(num_slots, num_persons)` that blur and distance take from scores."""
-    blur = np.maximum(np.abs(np.log2(relative_depth)) - np.log2(FOCUS_RANGE), 0.0)
-    small = np.maximum(np.log2(SMALL_PX_PER_M / px_per_m), 0.0)
-    return np.asarray(OUT_OF_FOCUS * blur + small + haze)
-
-
-def _missed(
-    own: Floats,
-    other: Floats,
-    px_per_m: Floats,
-    fps: float,
-    settings: DetectorSettings,
-    rngs: Sequence[np.random.Generator],
-) -> NDArray[np.bool_]:
-    """Return `(num_slots, num_persons, 17)`: joints that are missed, alone or with the person."""
-    own_miss = np.full(17, settings.self_occluded_miss)
-    own_miss[FACE] = settings.behind_head_miss
-    share = settings.joint_miss + (own_miss - settings.joint_miss) * own
-    share = share + (settings.occluded_miss - share) * other
-    missed = normal_cdf(correlated(rngs[0], own.shape, 1 / fps, MISS_MEMORY)) < share
-    tiny = np.clip(2 * (1 - px_per_m / TINY_PX_PER_M), 0.0, 1.0)
-    nobody = episodes(rngs[1], px_per_m.shape, 1 / fps, np.maximum(settings.person_miss, tiny))
-    return np.asarray(missed | nobody[..., None])
 
 
 def _gathered(

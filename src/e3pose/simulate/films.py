@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.detectors.base import Image
@@ -51,31 +50,20 @@ def frames(recording: Recording, camera: int) -> Iterator[Image]:
         places = lens.project(joints_m)  # (num_persons, 17, 2)
         depth = np.nan_to_num(((joints_m - lens.center_m) @ lens.R[2]).mean(axis=-1), nan=-1.0)
         view = recording.view(slot, camera) or Poses2D.empty(len(COCO17))
-        shown = _whose(view.keypoints_px, np.where(depth[:, None, None] > 0, places, np.nan))
+        places_px = np.where(depth[:, None, None] > 0, places, np.nan)
+        # What was detected of each person, in their order; NaN where nothing was.
+        shown = [np.full((len(COCO17), 2), np.nan) for _ in places_px]
+        for detection in view.keypoints_px:
+            off = np.linalg.norm(places_px - detection, axis=-1)
+            known = np.isfinite(off)
+            mean = np.where(known, off, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+            height = np.nanmax(places_px[..., 1], axis=1, initial=0) - np.nanmin(
+                places_px[..., 1], axis=1, initial=10**6
+            )
+            likely = np.where(known.sum(axis=1) >= 3, mean / np.maximum(height, 1.0), np.inf)
+            if len(likely) and likely.min() < LIKE_SHARE:
+                shown[int(likely.argmin())] = detection
         yield draw(empty, shown)
-
-
-def _whose(
-    keypoints_px: NDArray[np.float64], places_px: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
-    """Return what was detected of each person, in their order; NaN where nothing was.
-
-    Args:
-        keypoints_px: `(num_detections, 17, 2)`.
-        places_px: `(num_persons, 17, 2)` where people are in the image.
-    """
-    shown = [np.full((len(COCO17), 2), np.nan) for _ in places_px]
-    for detection in keypoints_px:
-        off = np.linalg.norm(places_px - detection, axis=-1)
-        known = np.isfinite(off)
-        mean = np.where(known, off, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-        height = np.nanmax(places_px[..., 1], axis=1, initial=0) - np.nanmin(
-            places_px[..., 1], axis=1, initial=10**6
-        )
-        likely = np.where(known.sum(axis=1) >= 3, mean / np.maximum(height, 1.0), np.inf)
-        if len(likely) and likely.min() < LIKE_SHARE:
-            shown[int(likely.argmin())] = detection
-    return shown
 
 
 def room(camera: Camera) -> Image:

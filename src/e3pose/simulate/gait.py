@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 
@@ -70,7 +69,11 @@ def plan_gait(
     ankles[:, :, 2] = ankle_height_m
     rhythm, sway = np.zeros(len(root_m)), np.zeros(len(root_m))
     left = first_left
-    for start, stop in _bouts(pace > MIN_PACE):
+    moving = np.concatenate([[0], (pace > MIN_PACE).view(np.int8), [0]])
+    edges = np.flatnonzero(np.diff(moving)).tolist()
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if stop - start <= 2:  # a flicker
+            continue
         travelled = np.concatenate([[0.0], np.cumsum(pace[start : stop - 1]) * interval])
         ways = max(1, round(float(travelled[-1])))
         travelled *= ways / max(float(travelled[-1]), 1e-9)
@@ -164,12 +167,6 @@ def _pace(root: Floats, heading: Floats, interval: float, leg_m: float) -> tuple
     turning = np.abs(np.gradient(heading, interval))
     step_m = (STEP_BASE_M + STEP_GROWTH_S * speed) * leg_m / 0.84
     return speed / step_m + turning / TURN_STEP * np.exp(-speed / 0.3), speed
-
-
-def _bouts(moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return `(start, stop)` of every run of True that is more than a flicker."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], moving.view(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 2]
 
 
 def _beside(root: Floats, heading: float, half_m: float) -> Floats:

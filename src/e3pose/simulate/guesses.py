@@ -149,7 +149,11 @@ def guess(
     error = lasting * field[..., : DOWN + 1]
     error += quick * correlated(rng, (*shape, 2), interval_s, QUICK_MEMORY)
     places = _leaning(pixels, hid, normal_cdf(field[..., CHOICE]), settings)
-    places = _swapped(places, normal_cdf(field[..., SIDES]), settings.swap)
+    # Left and right arms or legs are exchanged where the situation makes the detector do it.
+    places, chance = places.copy(), normal_cdf(field[..., SIDES])
+    for rows, joint in ((ARM_ROWS, 5), (LEG_ROWS, 11)):
+        swapped = chance[:, :, joint] < settings.swap
+        places[swapped, rows] = places[:, :, MIRROR][swapped, rows]
     size = np.array(camera.image_size)
     keypoints = np.clip(places + sigma[..., None] * error, -0.49, size - 0.51)
     scores = BEST_SCORE / (1 + np.exp(-(odds + settings.overconfidence)))
@@ -188,12 +192,3 @@ def _leaning(pixels: Floats, hid: Hidden, choice: Floats, settings: Guessing) ->
     slots, people, joints = np.nonzero(mirrored)
     places[slots, people, joints] = pixels[slots, people, MIRROR[joints]]
     return np.asarray(places)
-
-
-def _swapped(places: Floats, chance: Floats, share: float) -> Floats:
-    """Exchange left and right arms or legs where the situation makes the detector do it."""
-    places = places.copy()
-    for rows, joint in ((ARM_ROWS, 5), (LEG_ROWS, 11)):
-        swapped = chance[:, :, joint] < share
-        places[swapped, rows] = places[:, :, MIRROR][swapped, rows]
-    return places

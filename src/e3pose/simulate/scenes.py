@@ -332,21 +332,11 @@ HOMES: dict[str, Scene] = {
 }  # fmt: skip
 
 
-def _circle_of_seats(
-    number: int, radius_m: float, first: float = 0.4
-) -> tuple[tuple[float, float, float], ...]:
+def _circle_of_seats(number: int, radius_m: float) -> tuple[tuple[float, float, float], ...]:
     """Seats on a circle, facing its middle."""
-    angles = first + 2 * np.pi * np.arange(number) / number
+    angles = 0.4 + 2 * np.pi * np.arange(number) / number
     return tuple(
         (float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), float(a + np.pi)) for a in angles
-    )
-
-
-def _shelves(radius_m: float, angles: tuple[float, ...]) -> tuple[Box, ...]:
-    """Shelves of 0.4 m x 2.6 m, 2.4 m high, around the scene."""
-    return tuple(
-        Box(float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), 0.4, 2.6, 2.4, yaw=a)
-        for a in angles
     )
 
 
@@ -387,7 +377,10 @@ SCENES: dict[str, Scene] = {
         summary="shelves on one side hide people from three of six cameras",
         people=3, area_m=2.2, radius_m=4.2, height_m=2.2, cameras=6,
         habits=Habits(stand=0.35, leave=0.1),
-        walls=_shelves(2.8, (2 * np.pi / 3, np.pi, 4 * np.pi / 3)),
+        walls=tuple(
+            Box(float(2.8 * np.cos(a)), float(2.8 * np.sin(a)), 0.4, 2.6, 2.4, yaw=a)
+            for a in (2 * np.pi / 3, np.pi, 4 * np.pi / 3)
+        ),
         exits=((4.0, 1.6), (4.0, -1.6)),
     ),
     "poor-view": Scene(

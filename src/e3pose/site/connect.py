@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import queue
-import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -142,7 +142,7 @@ class Connection:
         self._transport, self._wait_s = transport, wait_s
         self._follower = Follower(site, delayed=delayed)
         self._slots: queue.Queue[LiveSlot | None] = queue.Queue(MAX_WAITING)
-        self._follower.listen(transport, self._keep)
+        self._follower.listen(transport, lambda poses: self._keep(live_slot(poses)))
 
     def __enter__(self) -> Connection:
         return self
@@ -150,16 +150,14 @@ class Connection:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _keep(self, poses: Poses) -> None:
+    def _keep(self, slot: LiveSlot | None) -> None:
         while True:
             try:
-                return self._slots.put_nowait(live_slot(poses))
+                return self._slots.put_nowait(slot)
             except queue.Full:
-                try:
+                with suppress(queue.Empty):
                     self._slots.get_nowait()
-                    self.dropped += 1
-                except queue.Empty:
-                    pass
+                    self.dropped += slot is not None
 
     def __iter__(self) -> Iterator[LiveSlot]:
         """Yield slots in order as they arrive, until the connection is closed.
@@ -249,14 +247,7 @@ class Connection:
     def close(self) -> None:
         """Leave the site; waiting calls return None."""
         self._transport.close()
-        while True:
-            try:
-                return self._slots.put_nowait(None)
-            except queue.Full:
-                try:
-                    self._slots.get_nowait()
-                except queue.Empty:
-                    time.sleep(0)
+        self._keep(None)
 
 
 def connect(

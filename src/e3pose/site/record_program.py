@@ -12,7 +12,7 @@ from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.edge.record_server import RecordingPlan, RecordServer, Watch, ignore_views
-from e3pose.settings.resolved import ResolvedSite, resolve
+from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
 from e3pose.site.check.finding import report as report_findings
@@ -67,7 +67,11 @@ def record_site(
     with suppress(OSError):  # cameras then run without logs
         make_folder(folder)
     looked_s = time.monotonic()
-    plan = _plan(resolved, dest, for_s)
+    file = resolved.file
+    plan = RecordingPlan(
+        dest, file.name, resolved.rig, resolved.skeleton, file.fps, file.pace,
+        resolved.named_detector, for_s, resolved.known_joints,
+    )  # fmt: skip
     with RecordServer(plan, transport, WallClock(), watch) as server:
 
         def stopped() -> bool:
@@ -91,17 +95,3 @@ def waiting_words(server: RecordServer) -> str:
     if server.slots or not (problems := server.problems()):
         return ""
     return "; ".join(f"{name}: {why}" for name, why in problems.items())
-
-
-def _plan(site: ResolvedSite, dest: Path, for_s: float | None) -> RecordingPlan:
-    return RecordingPlan(
-        dest,
-        site.file.name,
-        site.rig,
-        site.skeleton,
-        site.file.fps,
-        site.file.pace,
-        site.named_detector,
-        for_s,
-        site.known_joints,
-    )

@@ -50,8 +50,17 @@ def forget_beside(
         span_ns: when the person was there, first and last.
     """
     yield from _in_state(site, span_ns[1])
-    yield from _in_poses_learned_from(site, asked, span_ns)
-    yield from _in_files_of_page(site.file.folder / FILES, span_ns)
+    learned = None if site.file.learn is None else site.file.learn / "poses"
+    if learned is not None and learned.is_dir():
+        ids = [one.track_id for one in asked if one.track_id is not None]
+        joints, files = site.skeleton.joints, Ring(learned, site.skeleton, 0).files()
+        if rows := sum(forget_poses(path, joints, ids, span_ns) for path in files):
+            yield Trace(learned, f"{plural(rows, 'row')} deleted")
+    folder = site.file.folder / FILES
+    for job in jobs_in(folder):  # the page makes them again, without the person
+        if job.request.start_ns <= span_ns[1] and job.request.end_ns >= span_ns[0]:
+            shutil.rmtree(folder / job.number, ignore_errors=True)
+            yield Trace(folder / job.number, f"{job.request.file_name}: deleted")
     yield from _in_copies(site, span_ns)
 
 
@@ -80,26 +89,6 @@ def _in_state(site: ResolvedSite, last_ns: int) -> Iterator[Trace]:
         except InputError:  # of no use to an edge either
             path.unlink()
             yield Trace(path, "deleted, as no edge can read it")
-
-
-def _in_poses_learned_from(
-    site: ResolvedSite, asked: Sequence[Forgotten], span_ns: tuple[int, int]
-) -> Iterator[Trace]:
-    folder = None if site.file.learn is None else site.file.learn / "poses"
-    if folder is None or not folder.is_dir():
-        return
-    ids = [one.track_id for one in asked if one.track_id is not None]
-    joints, files = site.skeleton.joints, Ring(folder, site.skeleton, 0).files()
-    if rows := sum(forget_poses(path, joints, ids, span_ns) for path in files):
-        yield Trace(folder, f"{plural(rows, 'row')} deleted")
-
-
-def _in_files_of_page(folder: Path, span_ns: tuple[int, int]) -> Iterator[Trace]:
-    """Files that the page made of that time go: it makes them again, without the person."""
-    for job in jobs_in(folder):
-        if job.request.start_ns <= span_ns[1] and job.request.end_ns >= span_ns[0]:
-            shutil.rmtree(folder / job.number, ignore_errors=True)
-            yield Trace(folder / job.number, f"{job.request.file_name}: deleted")
 
 
 def _in_copies(site: ResolvedSite, span_ns: tuple[int, int]) -> Iterator[Trace]:

@@ -117,12 +117,25 @@ def forget(store: str | Path, what: Forgotten) -> tuple[Forgotten, int]:
         InputError: when a killed edge left rows that are not in the store yet, or the store
             cannot be written.
     """
-    _check_spools(store)
+    # Rows that a killed edge left may belong to the deletion.
+    path = database_path(database_url(store))
+    for spool in [] if path is None else spools_of(path):
+        try:
+            found = LeftSpool(spool)
+        except (BlockingIOError, FileNotFoundError):
+            continue
+        found.close()
+        raise InputError(
+            f"{spool}: found rows of a killed edge that are not in the store, expected none: start "
+            "the edge, which delivers them, and ask again"
+        )
     with changing(store) as engine:
         with engine.begin() as connection:
             what = _noted(connection, what)
         deleted = sum(_deleted(engine, run_id, what) for run_id in _runs(engine, what))
-        _wipe(engine)
+        if engine.dialect.name == "sqlite":  # wipes what was deleted from the file and its log
+            with engine.connect() as connection:
+                connection.execute(text("PRAGMA wal_checkpoint(TRUNCATE)")).fetchall()
     return what, deleted
 
 
@@ -310,26 +323,3 @@ def _shorten_tracks(connection: Connection, run_id: int, low: int, high: int) ->
                 .where(*mine)
                 .values(first_slot=first, last_slot=last, first_ns=first_ns, last_ns=last_ns)
             )
-
-
-def _wipe(engine: Engine) -> None:
-    """Wipe deleted rows from an SQLite file and its log."""
-    if engine.dialect.name != "sqlite":
-        return
-    with engine.connect() as connection:
-        connection.execute(text("PRAGMA wal_checkpoint(TRUNCATE)")).fetchall()
-
-
-def _check_spools(store: str | Path) -> None:
-    """Raise `InputError` if a killed edge left rows, which may belong to the deletion."""
-    path = database_path(database_url(store))
-    for spool in [] if path is None else spools_of(path):
-        try:
-            found = LeftSpool(spool)
-        except (BlockingIOError, FileNotFoundError):
-            continue
-        found.close()
-        raise InputError(
-            f"{spool}: found rows of a killed edge that are not in the store, expected none: start "
-            "the edge, which delivers them, and ask again"
-        )

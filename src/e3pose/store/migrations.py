@@ -14,6 +14,10 @@ from sqlalchemy import Connection, insert, select, text, update
 from e3pose.store import schema
 
 LOCK = 0x6533706F  # of PostgreSQL: two programs that make or change tables do it in turn
+WORDS = {  # of a dialect, for what statements have in braces
+    "sqlite": {"blob": "BLOB", "number": "INTEGER", "keyed": " WITHOUT ROWID"},
+    "postgresql": {"blob": "BYTEA", "number": "SERIAL", "keyed": ""},
+}
 ZONES_2 = """CREATE TABLE zones (
     run_id BIGINT NOT NULL,
     time_ns BIGINT NOT NULL,
@@ -24,7 +28,7 @@ ZONES_2 = """CREATE TABLE zones (
     count BIGINT NOT NULL,
     stayed_s FLOAT NOT NULL,
     PRIMARY KEY (run_id, time_ns, zone, track_id, kind)
-)"""
+){keyed}"""
 
 SUMMARIES_6 = """CREATE TABLE summaries (
     run_id BIGINT NOT NULL,
@@ -48,7 +52,7 @@ SUMMARIES_6 = """CREATE TABLE summaries (
     charge TEXT NOT NULL,
     faults TEXT NOT NULL,
     PRIMARY KEY (run_id, time_ns)
-)"""
+){keyed}"""
 OUTBOXES_6 = """CREATE TABLE outboxes (
     site TEXT NOT NULL,
     begun_ns BIGINT NOT NULL,
@@ -129,8 +133,7 @@ def _to_2(connection: Connection) -> None:
     """Take the time into the keys of slots and poses; make a table for zones."""
     for table, key in (("slots", "run_id, slot"), ("poses", "run_id, slot, track_id")):
         _extend_key(connection, table, key, "time_ns")
-    ending = " WITHOUT ROWID" if connection.dialect.name == "sqlite" else ""
-    connection.exec_driver_sql(ZONES_2 + ending)
+    _by(ZONES_2)(connection)
 
 
 def _extend_key(connection: Connection, table: str, key: str, column: str) -> None:
@@ -153,56 +156,28 @@ def _extend_key(connection: Connection, table: str, key: str, column: str) -> No
             connection.exec_driver_sql(sql)
 
 
-def _to_4(connection: Connection) -> None:
-    """Add the dynamics of joints; unknown for existing poses."""
-    kind = "BYTEA" if connection.dialect.name == "postgresql" else "BLOB"
-    connection.exec_driver_sql(f"ALTER TABLE poses ADD COLUMN dynamics {kind}")
+def _by(*statements: str) -> Callable[[Connection], object]:
+    def step(connection: Connection) -> None:
+        for statement in statements:
+            connection.exec_driver_sql(statement.format(**WORDS[connection.dialect.name]))
 
-
-def _to_5(connection: Connection) -> None:
-    """Add the columns of people's states."""
-    for column, kind in (
-        ("track_id", "BIGINT"), ("zone", "TEXT"), ("phase", "TEXT"), ("start_ns", "BIGINT"),
-        ("score", "FLOAT"),
-    ):  # fmt: skip
-        connection.exec_driver_sql(f"ALTER TABLE events ADD COLUMN {column} {kind}")
-
-
-def _to_6(connection: Connection) -> None:
-    """Add the tables of the outbox."""
-    ending = " WITHOUT ROWID" if connection.dialect.name == "sqlite" else ""
-    connection.exec_driver_sql(SUMMARIES_6 + ending)
-    connection.exec_driver_sql("CREATE INDEX summaries_by_number ON summaries (number)")
-    connection.exec_driver_sql(OUTBOXES_6)
-
-
-def _to_7(connection: Connection) -> None:
-    """Add the tables of deletions and archives."""
-    connection.exec_driver_sql(FORGOTTEN_7)
-    connection.exec_driver_sql(ARCHIVES_7)
-
-
-def _to_11(connection: Connection) -> None:
-    """Make the table of clips."""
-    number = "SERIAL" if connection.dialect.name == "postgresql" else "INTEGER"
-    connection.exec_driver_sql(CLIPS_11.format(number=number))
-
-
-def _by(statement: str) -> Callable[[Connection], object]:
-    return lambda connection: connection.exec_driver_sql(statement)
+    return step
 
 
 STEPS: dict[int, Callable[[Connection], object]] = {
     2: _to_2,
     3: _by("ALTER TABLE slots ADD COLUMN blind TEXT"),  # its cause; unknown for existing slots
-    4: _to_4,
-    5: _to_5,
-    6: _to_6,
-    7: _to_7,
+    4: _by("ALTER TABLE poses ADD COLUMN dynamics {blob}"),  # unknown for existing poses
+    5: _by(*(
+        f"ALTER TABLE events ADD COLUMN {column}" for column in
+        ("track_id BIGINT", "zone TEXT", "phase TEXT", "start_ns BIGINT", "score FLOAT")
+    )),
+    6: _by(SUMMARIES_6, "CREATE INDEX summaries_by_number ON summaries (number)", OUTBOXES_6),
+    7: _by(FORGOTTEN_7, ARCHIVES_7),
     8: _by("ALTER TABLE tracks ADD COLUMN name TEXT"),
     9: _by("ALTER TABLE tracks ADD COLUMN colour TEXT"),
     10: _by("ALTER TABLE forgotten ADD COLUMN outbox_number BIGINT"),  # none of earlier deletions
-    11: _to_11,
+    11: _by(CLIPS_11),
     12: _by(HUBS_12),
     13: _by("ALTER TABLE runs ADD COLUMN own_skeleton TEXT"),  # till then points without limbs
-}
+}  # fmt: skip

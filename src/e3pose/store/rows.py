@@ -162,9 +162,9 @@ def slot_rows(
         "selected": flags_text(record.selected),
         "arrived": flags_text(record.arrived),
         "next_selection": flags_text(record.next_selection),
-        "occlusion": _blob(record.occlusion, "<f4"),
-        "deficit": _blob(record.deficit, "<f4"),
-        "energy_j": None if energy_j is None else _blob(energy_j, "<f4"),
+        "occlusion": _blob(record.occlusion),
+        "deficit": _blob(record.deficit),
+        "energy_j": None if energy_j is None else _blob(energy_j),
         "took_s": float(sum(record.stage_s.values())),
         "blind": record.blind,
     }
@@ -296,6 +296,6 @@ def stack_blobs(
     return np.frombuffer(b"".join(parts), dtype=dtype).reshape(len(blobs), *shape)
 
 
-def _blob(values: NDArray[Any], dtype: str) -> bytes:
-    blob: bytes = np.ascontiguousarray(values, dtype=dtype).tobytes()
+def _blob(values: NDArray[Any]) -> bytes:
+    blob: bytes = np.ascontiguousarray(values, dtype="<f4").tobytes()
     return blob

@@ -199,7 +199,12 @@ class Delivery:
         with connection.begin():
             run_id = self._run_ids.get(key)
             if run_id is None:
-                run_id = _run_id(connection, run)
+                found = schema.run_id_of(connection, run.site, run.started_ns)
+                if found is None:
+                    connection.execute(new_rows(connection.dialect.name, schema.runs), run.row())
+                    found = schema.run_id_of(connection, run.site, run.started_ns)
+                assert found is not None
+                run_id = found
             by_table: dict[str, list[dict[str, Any]]] = {}
             for name, row in rows:
                 by_table.setdefault(name, []).append({**row, "run_id": run_id})
@@ -270,15 +275,6 @@ def known(rows: Sequence[Row]) -> list[Row]:
         missing = wanted.keys() - row.keys()
         if wanted and row.keys() <= wanted.keys() and all(wanted[column] for column in missing):
             found.append((name, {**dict.fromkeys(missing), **row}))
-    return found
-
-
-def _run_id(connection: Connection, run: Run) -> int:
-    found = schema.run_id_of(connection, run.site, run.started_ns)
-    if found is None:
-        connection.execute(new_rows(connection.dialect.name, schema.runs), run.row())
-        found = schema.run_id_of(connection, run.site, run.started_ns)
-    assert found is not None
     return found
 
 

@@ -310,7 +310,14 @@ class StoreWriter:
                 continue
             rows += self._encode(item)
             time.sleep(0)  # lets the loop have the interpreter in the middle of a batch
-        self._report_losses()
+        lost_rows = self._saver.spool.lost_rows
+        shed, lost = self._shed - self._reported_shed, lost_rows - self._reported_lost
+        if shed:
+            self._reported_shed += shed
+            self._say("store-shed", f"{plural(shed, 'record')} dropped: writer too slow")
+        if lost:
+            self._reported_lost += lost
+            self._say("store-shed", f"{plural(lost, 'row')} dropped: spool full or unreadable")
         notes, self._notes = self._notes, []
         for note in notes:
             rows += self._encode(note)
@@ -327,16 +334,6 @@ class StoreWriter:
             self._minutes = None
             self._say("store-error", f"no more summaries: {type(error).__name__}: {error}")
             return []
-
-    def _report_losses(self) -> None:
-        lost_rows = self._saver.spool.lost_rows
-        shed, lost = self._shed - self._reported_shed, lost_rows - self._reported_lost
-        if shed:
-            self._reported_shed += shed
-            self._say("store-shed", f"{plural(shed, 'record')} dropped: writer too slow")
-        if lost:
-            self._reported_lost += lost
-            self._say("store-shed", f"{plural(lost, 'row')} dropped: spool full or unreadable")
 
     def _encode(self, item: _Slot | Event | EnergyReading | ZoneEvent) -> list[Row]:
         try:

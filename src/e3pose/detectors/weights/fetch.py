@@ -84,7 +84,8 @@ def _answer(url: str) -> Iterator[Any]:
         TimeoutError,
         ConnectionError,
     ) as error:
-        raise _unreachable(url, error) from None
+        reason = getattr(error, "reason", None) or error
+        raise InputError(f"{url}: could not be reached or broke off ({reason})") from None
 
 
 def save_verified(
@@ -133,10 +134,3 @@ def file_sha256(path: Path) -> str:
         while chunk := file.read(CHUNK_BYTES):
             digest.update(chunk)
     return digest.hexdigest()
-
-
-def _unreachable(url: str, error: Exception) -> InputError:
-    reason = getattr(error, "reason", None) or error
-    return InputError(
-        f"{url}: could not be reached or broke off ({reason or type(error).__name__})"
-    )

@@ -77,9 +77,10 @@ def pip_settings(
             options[key] = value
     no_index = options.get("no-index", "").lower() in ("1", "true", "yes", "on")
     indexes = [options.get("index-url", DEFAULT_INDEX), *options.get("extra-index-url", "").split()]
+    links = [s for s in options.get("find-links", "").split() if "://" in s or Path(s).exists()]
     return IndexSettings(
         (index_url,) if index_url else () if no_index else tuple(indexes),
-        () if index_url else tuple(filter(_findable, options.get("find-links", "").split())),
+        () if index_url else tuple(links),
         options.get("cert"),
         tuple(options.get("trusted-host", "").split()),
     )
@@ -209,10 +210,6 @@ def _fetch(
                 chunks = iter(lambda: source.read(CHUNK_BYTES), b"")
                 save_verified(chunks, file, link.redacted, sha256)
     return dest
-
-
-def _findable(link: str) -> bool:
-    return "://" in link or Path(link).exists()
 
 
 def _client(settings: IndexSettings) -> Any:

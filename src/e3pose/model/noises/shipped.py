@@ -45,25 +45,21 @@ def load_noise(name_or_path: str | Path) -> Noise:
 def load_noise_file(name_or_path: str | Path) -> NoiseFile:
     """Load a noise file with all its contents; see `load_noise`."""
     if str(name_or_path) in ASSUMED:
-        return _assumed(str(name_or_path))
+        detector = str(name_or_path)
+        measured, larger = load_noise_file(MODEL_OF_ASSUMED), ASSUMED[detector]
+        why = {DEFAULT: "the detector is unknown", "imx500": "simulated, by a COCO AP of 0.19"}
+        return NoiseFile(
+            format=FORMAT,
+            version=VERSION,
+            detector=detector,
+            basis="assumed",
+            source=f"{why.get(detector, 'not measured')}: {larger:g} times the noise "
+            f"of {MODEL_OF_ASSUMED}",
+            image_px=measured.image_px,
+            scores=measured.scores,
+            sigma_px=[larger * sigma for sigma in measured.sigma_px],
+            memory=measured.memory,
+        )
     return decode_noise(
         *read_shipped(name_or_path, "e3pose.model.noises", SHIPPED, "noise", MAX_BYTES)
-    )
-
-
-def _assumed(detector: str) -> NoiseFile:
-    """Return the noise of a detector that was not measured."""
-    measured, larger = load_noise_file(MODEL_OF_ASSUMED), ASSUMED[detector]
-    why = {DEFAULT: "the detector is unknown", "imx500": "simulated, by a COCO AP of 0.19"}
-    return NoiseFile(
-        format=FORMAT,
-        version=VERSION,
-        detector=detector,
-        basis="assumed",
-        source=f"{why.get(detector, 'not measured')}: {larger:g} times the noise "
-        f"of {MODEL_OF_ASSUMED}",
-        image_px=measured.image_px,
-        scores=measured.scores,
-        sigma_px=[larger * sigma for sigma in measured.sigma_px],
-        memory=measured.memory,
     )

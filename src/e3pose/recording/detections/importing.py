@@ -96,7 +96,11 @@ class Reader:
             self._leave_out(f"{plural(others, 'person', 'people')} without {count} keypoints")
         stack = np.stack([person for person in seen if len(person) == count])
         layout = self._layout(stack, names)
-        divide_by = self._score_scale(stack)
+        scale, highest = self.settings.score_scale, usual_high(stack[..., 2])
+        if scale is None and highest > PERCENT:
+            scale = highest
+            self.notes.append(f"scores go up to {highest:.3g}: divided by it (--score-scale)")
+        divide_by = scale or 1.0
         places = stack[stack[..., 2] > 0][:, :2]
         shares = not usual_high(np.abs(places)) > SHARE
         signed = shares and usual_high(-places) > PAST
@@ -294,13 +298,6 @@ class Reader:
         if layout.unused:
             self.notes.append(f"{layout.unused} (the skeleton is {layout.skeleton.name})")
         return layout
-
-    def _score_scale(self, people: Floats) -> float:
-        scale, highest = self.settings.score_scale, usual_high(people[..., 2])
-        if scale is None and highest > PERCENT:
-            scale = highest
-            self.notes.append(f"scores go up to {highest:.3g}: divided by it (--score-scale)")
-        return scale or 1.0
 
     def _step(self, frames: Sequence[Mapping[int, Poses2D]]) -> int:
         step = _step([number for camera in frames for number in camera])

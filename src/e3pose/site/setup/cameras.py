@@ -114,15 +114,8 @@ def _add(setup: SetupSession, sources: Sequence[str], task: Task) -> None:
             problems.append(str(seen))
             continue
         setup.change(partial(_with, seen))
-        if seen.note:
-            task.say(seen.note)
-        if seen.dark:
-            task.say(f"{source}: its picture is dark; is the lens covered?")
-        if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:
-            task.say(
-                f"{source}: announces {seen.nominal_fps:.3g} frames per second and brings "
-                f"{seen.fps:.3g}: the site gets no more slots per second"
-            )
+        for doubt in seen.doubts():
+            task.say(f"{source}: {doubt}")
     if problems:
         raise InputError("; ".join(problems))
 

@@ -170,7 +170,9 @@ def hints(covered: Coverage) -> list[str]:
         words.append(f"Nobody was seen by {one} and {rest} at once: walk from one to the other.")
     for i in range(number):
         if i not in unseen and covered.share(i) < WIDE:
-            words.append(f"Walk further to the {_empty_side(covered.seen[i])} of {names[i]}.")
+            thirds = np.array_split((covered.seen[i] > 0).sum(axis=0), 3)
+            side = SIDES[int(np.argmin([third.mean() for third in thirds]))]
+            words.append(f"Walk further to the {side} of {names[i]}.")
     if covered.seconds < ENOUGH_S:
         words.append(f"Go on for {ENOUGH_S - covered.seconds:.0f} s.")
     return words
@@ -184,12 +186,6 @@ def _apart(covered: Coverage) -> tuple[list[int], list[int]] | None:
         group |= grown
         rest -= grown
     return (sorted(group), sorted(rest)) if rest else None
-
-
-def _empty_side(seen: NDArray[np.int64]) -> str:
-    """Return the third of a picture in which people were least: left, middle or right."""
-    thirds = np.array_split((seen > 0).sum(axis=0), 3)
-    return SIDES[int(np.argmin([third.mean() for third in thirds]))]
 
 
 def _good(poses: Poses2D) -> NDArray[np.float64]:

@@ -76,12 +76,13 @@ def apply_cameras(setup: SetupSession, choice: Choice) -> None:
     path, before = setup.calibration, None
     if path.exists():
         before = path.read_bytes()
-        rig = _kept_rig(load_rig(path), plan)
+        rig = load_rig(path)
         keep_before(path)
-        if rig is None:
+        if rig.placed and all(c.was in rig.camera_ids for c in plan.cameras):
+            of_plan = [(rig.cameras[rig.index(c.was)], c.id) for c in plan.cameras]
+            save_rig(Rig(tuple(replace(seen, camera_id=name) for seen, name in of_plan)), path)
+        else:  # one was never calibrated
             path.unlink()
-        else:
-            save_rig(rig, path)
     try:
         site = edit_site(setup.folder, lambda document: _cameras(document, plan, choice))
     except InputError:
@@ -94,13 +95,6 @@ def apply_cameras(setup: SetupSession, choice: Choice) -> None:
         setup.keep_result("check", None)
     if choice.times is not None:
         save_times(setup.folder / KEPT, workloads_of(site), choice.times)
-
-
-def _kept_rig(rig: Rig, plan: Plan) -> Rig | None:
-    """Return the rig of a plan's cameras; None if one was never calibrated."""
-    if not rig.placed or any(c.was not in rig.camera_ids for c in plan.cameras):
-        return None
-    return Rig(tuple(replace(rig.cameras[rig.index(c.was)], camera_id=c.id) for c in plan.cameras))
 
 
 def _cameras(document: Any, plan: Plan, choice: Choice) -> None:

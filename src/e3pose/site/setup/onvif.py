@@ -69,7 +69,9 @@ def streams_of(service: str, login: Login | None = None) -> list[Stream]:
     login = login or Login()
     host = _host(service)
     asking = _Asking(host, login, _ahead(host, service))
-    media = _media_of(asking, service)
+    capabilities = f'<GetCapabilities xmlns="{DEVICE}"><Category>Media</Category></GetCapabilities>'
+    told = _all(asking.ask(service, capabilities), "Media")
+    media = (_text(told[0], "XAddr") if told else "") or service
     profiles = asking.ask(media, f'<GetProfiles xmlns="{MEDIA}"/>')
     found = []
     for profile in _all(profiles, "Profiles")[:MOST_PROFILES]:
@@ -175,13 +177,6 @@ def _ahead(host: str, service: str) -> timedelta:
     except (Denied, ValueError, IndexError, OverflowError):
         return timedelta()
     return theirs - datetime.now(timezone.utc)
-
-
-def _media_of(asking: _Asking, service: str) -> str:
-    body = f'<GetCapabilities xmlns="{DEVICE}"><Category>Media</Category></GetCapabilities>'
-    media = _all(asking.ask(service, body), "Media")
-    address = _text(media[0], "XAddr") if media else ""
-    return address or service
 
 
 def _stream_question(token: str) -> str:

@@ -33,15 +33,12 @@ def certificate_files(folder: Path) -> dict[str, Path]:
     return {name: path for name, path in found.items() if path.is_file()}
 
 
-def expiring(
-    folder: Path, now: datetime.datetime, days: float = SOON_DAYS
-) -> Iterator[tuple[str, datetime.datetime]]:
-    """Yield name and end of the certificates that expire within some days, or have expired.
+def expiring(folder: Path, now: datetime.datetime) -> Iterator[tuple[str, datetime.datetime]]:
+    """Yield name and end of the certificates that expire soon, or have expired.
 
     Args:
         folder: of the site's keys.
         now: the time, UTC.
-        days: how long before.
 
     Raises:
         InputError: when the list of the folder cannot be read.
@@ -53,7 +50,7 @@ def expiring(
             until = expires(read_bytes(path, MAX_PEM_BYTES))
         except InputError:
             continue  # being replaced
-        if until - now < datetime.timedelta(days=days):
+        if until - now < datetime.timedelta(days=SOON_DAYS):
             yield name, until
 
 
