@@ -1,4 +1,4 @@
-"""One site of real processes for all tests of faults, and a browser for those of pages."""
+"""A recording for all sites of real processes, and a browser for tests of pages."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.live.processes import HERE, LiveSite, make_recording
+from tests.live.processes import HERE, make_recording
 
 if TYPE_CHECKING:
     from tests.site.web.browser import Page
 
 
 # What takes minutes begins first: a part ends when its last file does.
-LONG = ("test_setup_page", "test_events_of_people", "test_view_keep", "test_planted_secrets")
+LONG = ("test_setup_page", "test_outside", "test_events_of_people", "test_planted_secrets")
 
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
@@ -29,15 +29,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_recording(tmp_path_factory.mktemp("live") / "recording")
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[LiveSite]:
-    folder = tmp_path_factory.mktemp("site")
-    (folder / "recording").symlink_to(recording)
-    made = LiveSite(folder, more=('state = "state.npz"',), tables=("[store]", 'path = "poses.db"'))
-    with made.at_work():
-        yield made
 
 
 @pytest.fixture(scope="session")

@@ -1,21 +1,27 @@
 """One site and its faults, one after the other.
 
-Cameras die, freeze, come back, know the time badly, lie, shout, or run out of battery; the edge is
-killed and restarted, its list of certificates changes, and in the end everybody is interrupted.
+Cameras die, freeze, come back, know the time badly, lie, shout, or run out of battery. The network
+of the edge is stuck, and it joins again; it is slow, and blames no camera. It is killed and
+restarted, its list of certificates changes, and in the end everybody is interrupted.
 """
 
 from __future__ import annotations
 
+import re
 import signal
+import sys
 import time
+from collections.abc import Iterator
+from pathlib import Path
 
 import psutil
 import pytest
 from tests.cli import commands
-from tests.live.processes import CAMERAS, LiveSite
+from tests.live.processes import CAMERAS, HERE, LiveSite
 from tests.waiting import eventually
 
 from e3pose.edge.checkpoint import read_arrays
+from e3pose.edge.housekeeping import STALL_S
 from e3pose.edge.server import IDS_LEFT_OUT
 from e3pose.store import Store
 from e3pose.wire.access import VIEW_BYTES
@@ -28,9 +34,32 @@ BACK_S = 3.0
 ENDED_S = 6.0  # a second on a machine that does nothing else
 AWAY_SLOTS = 600  # half a minute: a slot that was numbered anew would be far from that
 QUEUE_BYTES = 256 * VIEW_BYTES  # what the network keeps at most until it is read
+REJOINED_S = 5.0
+BLAMES = ("far longer", "too late", "no views arrive", "answers")  # of a camera
 
 
-def looked(site: LiveSite, since: int) -> list[float]:
+class OddSite(LiveSite):
+    """A site whose edge takes a habit on order."""
+
+    def start_edge(self) -> None:
+        self.start("edge", sys.executable, str(HERE / "odd_edge.py"), str(self.path))
+
+    def takes(self, habit: str) -> float:
+        """Let the edge take a habit; return the time."""
+        (self.folder / "habit").write_text(habit)
+        return self.send("edge", signal.SIGUSR1)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[OddSite]:
+    folder = tmp_path_factory.mktemp("site")
+    (folder / "recording").symlink_to(recording)
+    made = OddSite(folder, more=('state = "state.npz"',), tables=("[store]", 'path = "poses.db"'))
+    with made.at_work():
+        yield made
+
+
+def looked(site: OddSite, since: int) -> list[float]:
     """Return how large a share of the slots since one each camera was selected in."""
     rows = [row for row in Store(site.folder / "poses.db").rows("slots") if row["slot"] >= since]
     assert len(rows) > 10
@@ -40,13 +69,13 @@ def looked(site: LiveSite, since: int) -> list[float]:
     ]
 
 
-def not_in_time(site: LiveSite, camera_id: str) -> int:
+def not_in_time(site: OddSite, camera_id: str) -> int:
     """Return how many views of a camera were asked for and were not there in time."""
     camera = site.camera(camera_id)
     return camera.lost + camera.late
 
 
-def test_slots_follow_each_other(site: LiveSite) -> None:
+def test_slots_follow_each_other(site: OddSite) -> None:
     site.whole()
     begin, lost = len(site.poses), site.status().slots_lost
     site.flows(30)
@@ -54,7 +83,7 @@ def test_slots_follow_each_other(site: LiveSite) -> None:
 
 
 def test_top_and_check_look_at_it(
-    site: LiveSite, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    site: OddSite, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     site.whole()
@@ -66,7 +95,7 @@ def test_top_and_check_look_at_it(
     assert "running, slot" in said.out and said.out.count("connected, clock") == 3
 
 
-def test_killed_camera_is_noticed_and_replaced_by_others(site: LiveSite) -> None:
+def test_killed_camera_is_noticed_and_replaced_by_others(site: OddSite) -> None:
     site.whole()
     since = len(site.statuses)
     site.send("cam1", signal.SIGKILL)
@@ -83,7 +112,7 @@ def test_killed_camera_is_noticed_and_replaced_by_others(site: LiveSite) -> None
     assert eventually(lambda: site.camera("cam1").duty > 0)
 
 
-def test_frozen_camera_is_noticed_and_comes_back(site: LiveSite) -> None:
+def test_frozen_camera_is_noticed_and_comes_back(site: OddSite) -> None:
     site.whole()
     since = len(site.statuses)
     site.send("cam2", signal.SIGSTOP)
@@ -96,8 +125,84 @@ def test_frozen_camera_is_noticed_and_comes_back(site: LiveSite) -> None:
     site.becomes(*CAMERAS)
 
 
+def joins_again(site: OddSite, habit: str, why: str) -> None:
+    """Assert that the edge finds out, says why, and has the views of its cameras again."""
+    site.whole()
+    site.flows(20)
+    before = len(site.events("stalled"))
+    stuck_s = site.takes(habit)
+    assert eventually(lambda: len(site.events("rejoined")) > before), site.diagnostics()
+    assert time.monotonic() - stuck_s < REJOINED_S + 2.0  # how long one looks after a busy test
+    site.becomes(*CAMERAS)
+    site.flows(30)
+
+    def views_flow() -> bool:
+        return sum(len(poses.arrived) for poses in site.poses[-30:]) >= 45
+
+    assert eventually(views_flow), site.diagnostics()
+    [event] = site.events("stalled")[before:]
+    assert why in event["event"]
+    place = re.search(r"stacks of all threads are in (\S+)", event["event"])
+    assert place is not None and Path(place[1]).parent == site.folder / "logs"
+    assert "_run_slots" in Path(place[1]).read_text()
+
+
+def test_edge_whose_cameras_are_gone_or_frozen_stays(site: OddSite) -> None:
+    site.whole()
+    before = len(site.events("stalled"))
+    for camera_id in CAMERAS:
+        site.send(camera_id, signal.SIGSTOP)
+    site.becomes()
+    site.flows(round(20 * 1.5 * STALL_S))
+    for camera_id in CAMERAS:
+        site.send(camera_id, signal.SIGCONT)
+    site.becomes(*CAMERAS)
+    for camera_id in CAMERAS:
+        site.send(camera_id, signal.SIGKILL)
+        site.wait(camera_id)
+    site.becomes()
+    site.flows(round(20 * 1.5 * STALL_S))
+    site.whole()
+    site.flows(20)
+    assert len(site.events("stalled")) == before, site.diagnostics()
+
+
+def test_edge_that_cannot_send_joins_again(site: OddSite) -> None:
+    joins_again(site, "blocked", "a message could not be sent")
+
+
+@pytest.mark.nightly  # half a minute; tests/edge/test_overload.py has its parts
+def test_slow_edge_is_told_and_no_camera_is_blamed(site: OddSite) -> None:
+    site.whole()
+    site.flows(40)
+    since, before = len(site.statuses), len(site.events("overload"))
+    useless = len(site.events("camera-useless"))
+    site.takes("slow")
+    assert eventually(lambda: site.status().overload), site.diagnostics()
+    # Round robin helps no edge whose views cost most: every second slot does.
+    assert eventually(lambda: "every second slot" in site.status().overload), site.diagnostics()
+    site.flows(100)
+    site.takes("well")
+
+    def told() -> list[str]:
+        return [event["event"] for event in site.events("overload")[before:]]
+
+    assert eventually(lambda: "edge load is back to normal" in told()[-1], 90.0), site.diagnostics()
+    site.becomes(*CAMERAS)
+    assert "edge overloaded, computing takes " in told()[0]
+    blamed = {c.why for c in site.cameras_since(since) if any(b in c.why for b in BLAMES)}
+    assert not blamed, site.diagnostics()
+    assert len(site.events("camera-useless")) == useless, site.diagnostics()
+
+
 @pytest.mark.nightly
-def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: LiveSite) -> None:
+def test_edge_that_receives_nothing_joins_again(site: OddSite) -> None:
+    """After the test before: an edge that joined again in vain waits with the next try."""
+    joins_again(site, "lost", "nothing arrives from cameras that are connected")
+
+
+@pytest.mark.nightly
+def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: OddSite) -> None:
     site.whole()
     site.send("cam1", signal.SIGINT)
     assert site.wait("cam1") == 0
@@ -121,7 +226,7 @@ def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: Live
 
 
 @pytest.mark.nightly
-def test_empty_battery_is_noticed(site: LiveSite) -> None:
+def test_empty_battery_is_noticed(site: OddSite) -> None:
     site.without("cam1")
     site.start_camera("cam1", "--battery-wh", "0.015")  # 54 J, a few seconds of its profile
     assert eventually(lambda: site.camera("cam1").online), site.diagnostics()
@@ -133,7 +238,7 @@ def test_empty_battery_is_noticed(site: LiveSite) -> None:
     site.without("cam1")
 
 
-def test_flood_of_garbage_shuts_out_its_camera_and_no_other(site: LiveSite) -> None:
+def test_flood_of_garbage_shuts_out_its_camera_and_no_other(site: OddSite) -> None:
     site.without("cam1")
     edge = psutil.Process(site.programs["edge"].pid)
     before, slots, lost = edge.memory_info().rss, len(site.poses), site.status().slots_lost
@@ -152,7 +257,7 @@ def test_flood_of_garbage_shuts_out_its_camera_and_no_other(site: LiveSite) -> N
     site.whole()  # it is let in again once it has behaved for a while
 
 
-def test_killed_edge_goes_on_where_it_was(site: LiveSite) -> None:
+def test_killed_edge_goes_on_where_it_was(site: OddSite) -> None:
     assert eventually(lambda: len(unpack(site.poses[-1].track_ids)) > 0)
     site.flows(50)
     state = site.folder / "state.npz"
@@ -184,7 +289,7 @@ def test_killed_edge_goes_on_where_it_was(site: LiveSite) -> None:
     assert "state.deficit" in kept
 
 
-def test_one_run_goes_on_in_the_store(site: LiveSite) -> None:
+def test_one_run_goes_on_in_the_store(site: OddSite) -> None:
     site.flows(25)
     site.stores(site.poses[-1].slot)
     store, slots = Store(site.folder / "poses.db"), site.stored()
@@ -193,7 +298,7 @@ def test_one_run_goes_on_in_the_store(site: LiveSite) -> None:
     assert any(event["kind"] == "resumed" for event in store.rows("events"))
 
 
-def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: LiveSite) -> None:
+def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: OddSite) -> None:
     keys = site.folder / "keys"
     assert commands.run("keys", "revoke", "cam2", "--keys", keys) == 0
     site.becomes("cam0", "cam1")
@@ -212,7 +317,7 @@ def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: LiveSite) -> N
     site.becomes(*CAMERAS)
 
 
-def test_damaged_list_of_certificates_changes_nothing(site: LiveSite) -> None:
+def test_damaged_list_of_certificates_changes_nothing(site: OddSite) -> None:
     path = site.folder / "keys" / "keys.toml"
     good = path.read_text()
     path.write_text("no list [")
@@ -223,7 +328,7 @@ def test_damaged_list_of_certificates_changes_nothing(site: LiveSite) -> None:
     site.flows(10)
 
 
-def test_interrupt_ends_everybody_cleanly_and_quickly(site: LiveSite) -> None:
+def test_interrupt_ends_everybody_cleanly_and_quickly(site: OddSite) -> None:
     for name in ("cam0", "edge", "cam1", "cam2"):  # cameras without an edge end as well
         sent_s = site.send(name, signal.SIGINT)
         assert site.wait(name) == 0
