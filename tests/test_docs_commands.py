@@ -171,7 +171,7 @@ ELSEWHERE = {
     ),
     **dict.fromkeys(
         ("camera --join --name cam1 --source usb:0", "keys join site.toml"),
-        "tests/live/test_join.py",
+        "tests/live/test_outside.py",
     ),
     "archive deleted site.toml": "tests/hub/test_forgotten.py",
     "hub forgotten house": "tests/hub/test_forgotten.py",

@@ -92,7 +92,8 @@ TESTED = {
     "one bad item in each queue": "test_one_bad_item.py",
     "slow and failing receivers of notices": "site/streams/test_webhook.py",
     "user revoked at a hub": "hub/test_page_tokens.py",
-    "the same with edge, page and hub at work": "live/test_hub_tokens.py",
+    "the same with edge, page and hub at work": "live/test_outside.py"
+    "::test_right_at_a_hub_opens_a_site_and_ends_there_when_it_is_revoked",
     "questions to a hub without an end": "hub/test_questions.py",
     "a day deleted across a hub": "hub/test_forgotten.py",
     "upgrade of a store killed": "store/test_versions.py",
@@ -100,7 +101,8 @@ TESTED = {
     "an ONVIF camera that answers by drops": "site/setup/test_onvif.py",
     f"{ROOTS}images on the wire that nobody asked for": "live/test_on_the_wire.py",
     "camera that joins by a code": "site/test_joining.py",
-    "the same with edge, page and camera at work": "live/test_join.py",
+    "the same with edge, page and camera at work": "live/test_outside.py"
+    "::test_camera_joins_by_the_code_of_the_page_and_works_at_once",
     "script in a person's name": "live/test_view_names.py::test_a_name_runs_no_script",
 }
 HONEST = ("cam0", "cam1", "cam2")  # of four

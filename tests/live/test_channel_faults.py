@@ -19,7 +19,7 @@ import httpx
 import pytest
 from tests.live.processes import COMPILE_S, LiveSite, as_root, e3pose, make_keys
 from tests.live.test_full_disk import fill
-from tests.live.test_hub_tokens import HUB
+from tests.live.test_outside import HUB
 from tests.ports import free_port
 from tests.waiting import eventually
 
@@ -135,7 +135,7 @@ def beside(house: House, stack: ExitStack) -> dict[str, Callable[[], bool]]:
     keys, path, folder = house.folder / "keys", str(house.path), house.folder / house.fault
     folder.mkdir(exist_ok=True)
     page, osc, router, hub = (free_port() for _ in range(4))
-    text = HUB.format(port=hub, edge=house.port, keys=keys / "hubs" / "house", page="")
+    text = HUB.format(port=hub, edge=house.port, keys=keys / "hubs" / "house", page="", site="lab")
     text = "\n".join(line for line in text.splitlines() if not line.startswith("page")) + "\n"
     (folder / "hub.toml").write_text(text)
     place = str(house.disk if house.fault == "hung" else folder)
