@@ -14,13 +14,15 @@ WAIT_S = 30.0  # for what takes a second or two on a machine that does nothing e
 def eventually(condition: Callable[[], object], seconds: float = WAIT_S) -> bool:
     """Return whether a condition comes to hold in time.
 
-    It holds from the moment it is first seen to: what holds now may not a moment later.
+    It holds from the moment it is first seen to: what holds now may not a moment later. The longer
+    it takes, the more rarely one looks, which costs a browser or a store as much as its work.
     """
-    end_s = time.monotonic() + seconds
+    begun_s = time.monotonic()
     while not condition():
-        if time.monotonic() >= end_s:
+        waited_s = time.monotonic() - begun_s
+        if waited_s >= seconds:
             return False
-        time.sleep(0.02)
+        time.sleep(min(max(0.05 * waited_s, 0.02), 0.1))
     return True
 
 
