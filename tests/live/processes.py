@@ -68,6 +68,7 @@ class LiveSite:
         inside: command that runs cameras elsewhere, such as in another network namespace.
         camera_options: of all cameras.
         name: of the site.
+        together: whether all cameras run in one program, which costs less; else each in its own.
         statuses: everything that the edge said of itself, and when it came.
         poses: what it published.
     """
@@ -81,6 +82,7 @@ class LiveSite:
     inside: Sequence[str] = ()
     camera_options: Sequence[str] = ()
     name: str = "lab"
+    together: bool = False
     programs: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     poses: list[Poses] = field(default_factory=list)
@@ -107,6 +109,8 @@ class LiveSite:
             "[loop]", 'policy = "round-robin"', "cameras = 2", 'predictor = "zero-velocity"',
             *self.tables,
         ]  # fmt: skip
+        for camera_id in CAMERAS if self.together else ():
+            lines += ["[[camera]]", f'id = "{camera_id}"', 'source = "recorded:recording"']
         self.path.write_text("\n".join(lines) + "\n")
 
     def start(self, name: str, *command: str) -> subprocess.Popen[bytes]:
@@ -123,6 +127,13 @@ class LiveSite:
 
     def start_edge(self) -> None:
         self.start("edge", *e3pose("edge", str(self.path), "--json-logs"))
+
+    def start_cameras(self) -> None:
+        """Start all cameras."""
+        if self.together:
+            self.start("cameras", *e3pose("cameras", str(self.path)))
+        for camera_id in () if self.together else CAMERAS:
+            self.start_camera(camera_id)
 
     def start_camera(self, camera_id: str, *options: str) -> None:
         self.start(camera_id, *self.camera_command(camera_id, *options))
@@ -284,8 +295,7 @@ class LiveSite:
         make_keys(self.folder / "keys", hosts, self.name)
         self.write()
         self.start_edge()
-        for camera_id in CAMERAS:
-            self.start_camera(camera_id)
+        self.start_cameras()
         self.watch()
         try:
             assert eventually(lambda: len(self.poses) > 20, COMPILE_S), self.diagnostics()
@@ -312,9 +322,14 @@ def e3pose(*words: str) -> list[str]:
 
 
 @contextmanager
-def up(path: Path, number: signal.Signals, *options: str) -> Iterator[None]:
-    """Run a site with `up` until slots flow, and end it with a signal: nothing of it may stay."""
-    site = load_site(path)
+def up(path: Path, number: signal.Signals, *options: str) -> Iterator[list[str]]:
+    """Run a site with `up` until slots flow, and end it with a signal: nothing of it may stay.
+
+    Yields:
+        The lines that `up` printed, once it has ended.
+    """
+    site, lines = load_site(path), list[str]()
+    names = {"edge", *(camera.id for camera in site.camera), *({"view"} & {o[2:] for o in options})}
     program = subprocess.Popen(
         e3pose("up", str(path), *options),
         stdout=subprocess.PIPE,
@@ -328,8 +343,8 @@ def up(path: Path, number: signal.Signals, *options: str) -> Iterator[None]:
         follower.listen(transport)
         assert eventually(lambda: follower.status and follower.status.slot > 10, COMPILE_S)
         children = psutil.Process(program.pid).children(recursive=True)
-        assert len(children) == 1 + len(site.camera)
-        yield
+        assert len(children) == len(names)
+        yield lines
         begun_s = time.monotonic()
         program.send_signal(number)
         said, _ = program.communicate(timeout=60)
@@ -340,10 +355,10 @@ def up(path: Path, number: signal.Signals, *options: str) -> Iterator[None]:
         program.wait()
     assert program.returncode == 0
     assert "Traceback" not in said
+    lines += said.splitlines()
     assert not any(child.is_running() for child in children)
     logs = path.parent / "logs"
-    names = sorted(log.name for log in logs.iterdir())
-    assert {Path(name).stem for name in names} == {"edge", *(c.id for c in site.camera)}, names
+    assert {log.stem for log in logs.iterdir()} == names
     for log in logs.iterdir():
         assert "Traceback" not in log.read_text(), log.read_text()
     said = (logs / "edge.log").read_text()

@@ -32,7 +32,8 @@ def site(url: str, tmp_path_factory: pytest.TempPathFactory, recording: Path) ->
     (folder / "recording").symlink_to(recording)
     zone = "[[zone]]", 'name = "all"', "corners = [[-50, -50], [50, -50], [50, 50], [-50, 50]]"
     tables = ("[store]", f'path = "{url}"', *zone)
-    with LiveSite(folder, more=('state = "state.npz"',), tables=tables).at_work() as made:
+    more = ('state = "state.npz"',)
+    with LiveSite(folder, more=more, tables=tables, together=True).at_work() as made:
         yield made
 
 
@@ -40,6 +41,7 @@ def stored(url: str) -> list[int]:
     return [row["slot"] for row in Store(url).rows("slots")]
 
 
+@pytest.mark.nightly  # tests/store/test_hanging_server.py has it without a site
 def test_nothing_is_lost_while_the_server_is_away(server: Server, url: str, site: LiveSite) -> None:
     assert eventually(lambda: len(stored(url)) > 0), site.diagnostics()
     server.stop()
@@ -69,22 +71,19 @@ def test_nothing_is_lost_while_the_server_is_away(server: Server, url: str, site
 def test_what_a_viewer_was_told_is_stored_survives_kill_9(url: str, site: LiveSite) -> None:
     site.send("edge", signal.SIGKILL)
     site.wait("edge")
-    for life in range(2):
-        begun = len(site.poses)
-        site.start_edge()
-        assert eventually(
-            lambda: len(site.poses) > begun + 30 and site.poses[-1].stored_to > 0  # noqa: B023
-        ), site.diagnostics()
-        site.send("edge", signal.SIGKILL)
-        site.wait("edge")
-        seen = site.poses[begun:]
-        told = seen[-1]
-        assert seen[0].stored_to == -1, "each edge speaks of its own slots"
-        assert seen[0].slot <= told.stored_from <= told.stored_to < told.slot
-        assert told.slot - told.stored_to < 40, "half a second, or two where it is busy"
-        assert told.store_shed == 0
-        promised = [p.slot for p in seen if told.stored_from <= p.slot <= told.stored_to]
-        assert len(promised) > 5
-        assert not set(promised) - set(stored(url)), f"of life {life}"
+    begun = len(site.poses)
     site.start_edge()
-    site.flows(5)
+    assert eventually(lambda: len(site.poses) > begun + 30 and site.poses[-1].stored_to > 0), (
+        site.diagnostics()
+    )
+    site.send("edge", signal.SIGKILL)
+    site.wait("edge")
+    seen = site.poses[begun:]
+    told = seen[-1]
+    assert seen[0].stored_to == -1, "each edge speaks of its own slots"
+    assert seen[0].slot <= told.stored_from <= told.stored_to < told.slot
+    assert told.slot - told.stored_to < 40, "half a second, or two where it is busy"
+    assert told.store_shed == 0
+    promised = [p.slot for p in seen if told.stored_from <= p.slot <= told.stored_to]
+    assert len(promised) > 5
+    assert not set(promised) - set(stored(url))

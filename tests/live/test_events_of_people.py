@@ -52,7 +52,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveSite]:
     folder = tmp_path_factory.mktemp("home")
     save_recording(simulate(HOME, SEED), folder / "recording")
     tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0", 'names = ["mqtt"]')
-    with LiveSite(folder, tables=tables).at_work() as made:
+    with LiveSite(folder, tables=tables, together=True).at_work() as made:
         yield made
 
 
@@ -141,6 +141,7 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
         monkeypatch.setenv("E3POSE_WEBHOOK_SECRET_FILE", str(secret))
         receiver.start("takes")
         site.start("stream", *e3pose("stream", str(site.path), place, hook))
+        site.start("test", *e3pose("events", "test", str(site.path), "--for", "90"))
         trigger = "e3pose/lab/home/trigger/fall"
         assert eventually(lambda: heard.newest(trigger), 90.0), (heard, site.diagnostics())
         config = json.loads(heard.newest("homeassistant/device/e3pose_lab/config") or "")
@@ -163,7 +164,6 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
 
         assert eventually(lambda: bool(stored())), site.diagnostics()
         assert stored()[0]["phase"] == "begun" and stored()[0]["track_id"] >= 0
-        site.start("test", *e3pose("events", "test", str(site.path), "--for", "90"))
         assert eventually(lambda: "FALL begun" in site.log("test").read_text(), 90.0)
         site.send("test", signal.SIGINT)  # which says what it saw so far
         assert site.wait("test") == 0, site.log("test").read_text()

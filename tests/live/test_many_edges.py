@@ -101,7 +101,8 @@ def house(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator
         place = folder / name
         (place / "disk").mkdir(parents=True)
         (place / "recording").symlink_to(recording)
-        sites[name] = LiveSite(place, name=name, more=MORE, tables=TABLES)
+        together = name == "lab"
+        sites[name] = LiveSite(place, name=name, more=MORE, tables=TABLES, together=together)
         make_keys(place / "keys", site=name)
         sites[name].write()
     made, disk = House(folder, sites), folder / "hall" / "disk"
@@ -115,8 +116,7 @@ def house(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator
         made.start()
         for site in sites.values():
             stack.callback(site.close)
-            for camera_id in CAMERAS:
-                site.start_camera(camera_id)
+            site.start_cameras()
             site.watch()
         try:
             for name, site in sites.items():
