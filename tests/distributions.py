@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,12 @@ PRODUCT = "e3pose"
 def read(folder: Path, name: str = "pyproject.toml") -> dict[str, Any]:
     """Return what a TOML file of a folder says."""
     return tomllib.loads((folder / name).read_text())
+
+
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """Return all nodes of the tree of a file, its module first: parsed once for all who ask."""
+    return [*ast.walk(ast.parse(path.read_text()))]
 
 
 # Folders of the others by their package; the project file of the product lists them.

@@ -14,7 +14,8 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from tests.distributions import ROOT, nodes
+
 PARTS = ("src/e3pose", "hub", "lab", "tests")
 MARK = re.compile(r"# tuned:(?:[^\n]*\n\s*#)*[^\n]*")  # of a number that was tuned
 NAME = re.compile(r"[\w.:]+")  # a string that may name a function, as in a table
@@ -40,8 +41,8 @@ def measure(root: Path) -> dict[str, int]:
     people = code = 0
     files = texts(root)
     for path, text in files.items():
-        code += _code_lines(text, nodes := [*ast.walk(ast.parse(text))])
-        for node in nodes:
+        code += _code_lines(text, nodes(path))
+        for node in nodes(path):
             if isinstance(node, ast.Name):
                 used[node.id] += 1
             elif isinstance(node, ast.Attribute):
@@ -72,13 +73,13 @@ def measure(root: Path) -> dict[str, int]:
     }
 
 
-def _code_lines(text: str, nodes: Sequence[ast.AST]) -> int:
+def _code_lines(text: str, found: Sequence[ast.AST]) -> int:
     lines = (line.strip() for line in text.split("\n"))
     code = {number for number, line in enumerate(lines, 1) if line and line[0] != "#"}
-    for node in nodes:
+    for node in found:
         if isinstance(node, (ast.Constant, ast.JoinedStr)):  # may have lines that look empty
             code.update(range(node.lineno, (node.end_lineno or 0) + 1))
-    for node in nodes:
+    for node in found:
         if not isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
             continue
         if ast.get_docstring(node, clean=False) is not None:
