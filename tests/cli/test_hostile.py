@@ -9,12 +9,13 @@ import re
 import shutil
 import sys
 import zipfile
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.breaking import Break, cut, gone, new, sparse, whole
 from tests.cases import each_case
+from tests.cli.commands import refused_and_unchanged, run
 
 from e3pose.cli import main
 from e3pose.recording import save_recording
@@ -30,16 +31,7 @@ HEADER, RIG, KEYPOINTS, TRUTH = (
 )
 ESCAPE = "\x1b[2J"
 HUGE = 5000 * "9"
-
-Break = Callable[[Path], object]
-
-
-def run(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_:
-        main(list(words))
-    captured = capsys.readouterr()
-    code = exit_.value.code
-    return code if isinstance(code, int) else 0, captured.out, captured.err
+LAUGHS = '<!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;">]><a>&c;</a>'
 
 
 @pytest.fixture(scope="session")
@@ -47,45 +39,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hostile") / "rec"
     save_recording(simulate(SceneSettings(people=2, seconds=0.4, cameras=3), seed=0), folder)
     return folder
-
-
-def text(name: str, old: str, new: str) -> Break:
-    def change(folder: Path) -> None:
-        path = folder / name
-        content = path.read_text()
-        assert old in content
-        path.write_text(content.replace(old, new, 1))
-
-    return change
-
-
-def whole(name: str, content: str | bytes) -> Break:
-    data = content.encode() if isinstance(content, str) else content
-    return lambda folder: (folder / name).write_bytes(data)
-
-
-def cut(name: str, end: int) -> Break:
-    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:end])
-
-
-def sparse(name: str) -> Break:
-    def change(folder: Path) -> None:
-        with (folder / name).open("wb") as file:
-            file.truncate(10 * 2**30)
-
-    return change
-
-
-def pipe(name: str) -> Break:
-    def change(folder: Path) -> None:
-        (folder / name).unlink()
-        os.mkfifo(folder / name)
-
-    return change
-
-
-def gone(name: str) -> Break:
-    return lambda folder: (folder / name).unlink()
 
 
 def days_of_nothing(folder: Path) -> None:
@@ -100,64 +53,35 @@ def crowd(count: int) -> str:
     return f'person_ids = [{names}, "person1",'
 
 
-# What is wrong with a recording -> what the line must say.
+# What is wrong with a recording -> what the line must say. tests/recording/test_folder.py has what
+# the reader says of the rest.
 RECORDINGS: dict[str, tuple[Break, str]] = {
-    "no folder": (shutil.rmtree, "no such folder"),
     "no header": (gone(HEADER), "found a folder without recording.toml"),
-    "empty header": (whole(HEADER, ""), "recording.toml: format: found"),
-    "truncated header": (cut(HEADER, 45), "recording.toml: .*TOML"),
-    "version of tomorrow": (text(HEADER, "version = 3", "version = 4"), "version: found 4"),
     "unknown key that clears the screen": (
-        text(HEADER, "fps", '"\\u001b[2J" = 1\nfps'),
+        new(HEADER, "fps", '"\\u001b[2J" = 1\nfps'),
         r"recording.toml: .*\\x1b",
     ),
-    "nan": (text(HEADER, "fps = 25.0", "fps = nan"), "recording.toml: .*fps"),
-    "no rate": (text(HEADER, "fps = 25.0", "fps = 0"), "recording.toml: .*fps"),
-    "negative slots": (text(HEADER, "num_slots = 10", "num_slots = -1"), "num_slots"),
     "more digits than Python reads": (
-        text(HEADER, "num_slots = 10", "num_slots = 1" + 5000 * "0"),
+        new(HEADER, "num_slots = 10", "num_slots = 1" + 5000 * "0"),
         "recording.toml",
     ),
     "days of slots, a few lines": (
         days_of_nothing,
         "recording.toml: recording: num_slots: found 100000000",
     ),
-    "as many slots, with a truth": (
-        text(HEADER, "num_slots = 10", "num_slots = 100_000_000"),
-        "recording.toml: num_slots",
-    ),
-    "people without number": (text(HEADER, "person_ids = [", crowd(50_000)), "person_ids: found"),
-    "deep TOML": (whole(HEADER, "a = " + 200_000 * "["), "recording.toml: .*TOML"),
+    "people without number": (new(HEADER, "person_ids = [", crowd(50_000)), "person_ids: found"),
     "TOML of dots": (whole(HEADER, "a" + 50_000 * ".a" + " = 1"), "line 1: .*dots"),
-    "not text": (whole(HEADER, b"\xff\xfe\0"), "recording.toml: .*TOML"),
     "header of 10 GB": (sparse(HEADER), "recording.toml: found 10737418240 bytes"),
-    "header never ends": (pipe(HEADER), "recording.toml: found a pipe"),
-    "title that clears the screen": (text(HEADER, 'name = "', 'name = "\\u001b[2J'), "name: found"),
-    "scored beyond the end": (text(HEADER, "fps", "scored_slots = [0, 99]\nfps"), "scored_slots"),
-    "video outside": (
-        text(HEADER, "[truth]", '[videos]\ncam0 = "../x.mp4"\n[truth]'),
-        "videos.cam0: found '../x.mp4'",
-    ),
+    "title that clears the screen": (new(HEADER, 'name = "', 'name = "\\u001b[2J'), "name: found"),
     "camera called ../x": (
-        text(RIG, 'name = "cam0"', 'name = "../x"'),
+        new(RIG, 'name = "cam0"', 'name = "../x"'),
         "frames: found camera 'cam0'",
     ),
-    "two cameras of one name": (text(RIG, '"cam0"', '"cam1"'), "appears twice"),
-    "no rig": (gone(RIG), "calibration.toml: file not found"),
-    "empty rig": (whole(RIG, ""), "calibration.toml: file is empty"),
+    "two cameras of one name": (new(RIG, '"cam0"', '"cam1"'), "appears twice"),
     "rig of 10 GB": (sparse(RIG), "calibration.toml: found"),
-    "rig that laughs": (
-        whole(RIG, '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;">]><a/>'),
-        "document type",
-    ),
-    "rig of aliases": (whole(RIG, "a: &a [1]\nb: [*a, *a]\n"), "alias"),
-    "no keypoints": (gone(KEYPOINTS), "cam0.jsonl: file not found"),
-    "empty keypoints": (whole(KEYPOINTS, ""), "cam0.jsonl: found 0 lines"),
-    "truncated keypoints": (cut(KEYPOINTS, -20), "cam0.jsonl:10: "),
+    "rig that laughs": (whole(RIG, LAUGHS), "document type"),
     "keypoints of 10 GB": (sparse(KEYPOINTS), "cam0.jsonl: found"),
-    "keypoints never end": (pipe(KEYPOINTS), "cam0.jsonl: found a pipe"),
-    "NaN in JSON": (text(KEYPOINTS, '"time":0.0', '"time":NaN'), "cam0.jsonl:1"),
-    "time without end": (text(KEYPOINTS, '"time":0.0', '"time":1e308'), "cam0.jsonl:1: time"),
+    "time without end": (new(KEYPOINTS, '"time":0.0', '"time":1e308'), "cam0.jsonl:1: time"),
     "deep JSON": (whole(KEYPOINTS, '{"slot":0,"people":' + 10**6 * "["), "cam0.jsonl:1"),
     "key that clears the screen": (whole(KEYPOINTS, '{"\\u001b[2J":1}'), "cam0.jsonl:1"),
     "a crowd in one line": (
@@ -166,7 +90,6 @@ RECORDINGS: dict[str, tuple[Break, str]] = {
     ),
     "keypoints of a stranger": (whole(f"keypoints/x{ESCAPE}.jsonl", "{}"), "is not in calibration"),
     "truncated truth": (cut(TRUTH, -20), "truth.jsonl:10"),
-    "no truth": (gone(TRUTH), "truth.jsonl: file not found"),
 }
 # The verbs share the reader of recordings: one hears of everything, the others of one thing.
 READERS = [("info", name) for name in RECORDINGS] + [
@@ -182,7 +105,7 @@ def test_a_bad_recording_gets_one_line(
     folder = tmp_path / "rec"
     shutil.copytree(made, folder)
     break_it(folder)
-    assert_refused(run(capsys, [verb, str(folder)]), message)
+    refused_and_unchanged(capsys, [verb, str(folder)], message, folder)
 
 
 # Words of a command -> what the line must say. $REC is a good recording, $NEW a free place, $BAD a
@@ -202,16 +125,14 @@ WORDS: list[tuple[str, str]] = [
     ("simulate $BAD/x", "bad/x: cannot be written"),
     ("simulate $LINK", "symbolic link"),
     ("simulate $NEW --people 1.5", "not a whole number"),
-    ("simulate $NEW --people 1000000000", "people: found"),
-    ("simulate $NEW --seconds nan", "seconds: found nan"),
     ("simulate $NEW --seconds 1e300", "seconds: found"),
     ("simulate $NEW --seconds \u22121", "seconds"),
-    ("simulate $NEW --fps -1", "fps: found"),
-    ("simulate $NEW --fps inf", "fps: found"),
-    ("simulate $NEW --cameras 0", "cameras: found 0"),
     (f"simulate $NEW --seed {HUGE}", "seed"),
     ("simulate $NEW --scene ../x", "scene: found"),
     ("simulate $NEW --resolution 0x0", "image width: found 0"),
+    ("simulate $NEW --resolution big", "resolution: found 'big'"),
+    ("simulate $NEW --calibration missing.toml", "missing.toml"),
+    ("simulate $NEW --calibration missing.toml --cameras 3", "--cameras: found 3"),
     ("simulate $NEW --calibration $PIPE", "pipe: found a pipe"),
     ("simulate $NEW --calibration $SPARSE", "found 10737418240 bytes"),
     ("simulate $NEW --calibration $EMPTY", "empty: file is empty"),
@@ -234,7 +155,6 @@ WORDS: list[tuple[str, str]] = [
     ("detect cam0=$BAD $NEW --calibration $RIG --fps 1e-300", "fps: found 1e-300"),
     ("import openpose $FULL $NEW --calibration $RIG --fps 25", "cameras without a folder: cam0"),
     ("import openpose $FULL $NEW --calibration $RIG --fps 25 --folder ../x", "--folder: found"),
-    ("import coco $EMPTY $NEW --calibration $RIG --fps 25", "an empty file"),
     ("import coco $DEEP $NEW --calibration $RIG --fps 25", "deep: "),
     ("import coco $PIPE $NEW --calibration $RIG --fps 25", "found a pipe"),
     ("detect", "VIDEO"),
@@ -247,10 +167,8 @@ WORDS: list[tuple[str, str]] = [
     ("models path nosuch", "nosuch"),
     ("replay $REC --cameras 0", "--cameras: found 0"),
     ("replay $REC --cameras 1000000000", "--cameras: found"),
-    ("replay $REC --cameras two", "two"),
     ("replay $REC --budget nan", "--budget: found nan"),
     ("replay $REC --budget -1", "--budget: found -1"),
-    ("replay $REC --budget 0.1", "at least 0.666667 for 2 of 3 cameras"),
     ("replay $REC --quality-weight inf", "--quality-weight: found inf"),
     ("replay $REC --lead 0", "--lead: found 0"),
     (f"replay $REC --lead {HUGE}", "not a whole number"),
@@ -258,7 +176,6 @@ WORDS: list[tuple[str, str]] = [
     ("replay $REC --phase 99999999999999999999", "--phase: found 9"),
     ("replay $REC --seed -1", "--seed: found -1"),
     ("replay $REC --predictor=", "--predictor: found ''"),
-    ("replay $REC --policy x", "--policy: found 'x'"),
     ("replay $REC --pipeline x", "--pipeline: found 'x'"),
     (f"replay $REC --idle-mode {ESCAPE}", "idle-mode"),
     ("replay $REC --profile $PIPE", "pipe: "),
@@ -272,12 +189,7 @@ WORDS: list[tuple[str, str]] = [
     ("replay $REC --json $REC/recording.toml", "a file of the recording"),
     ("replay $REC --json $NEW.csv --poses $NEW.csv", "--json: found the file of --poses"),
     ("replay $REC --json $NEW --json $NEW.2", "multiple times"),
-    ("evaluate $REC --policies x", "--policies: found 'x'"),
     ("evaluate $REC --policies=", "--policies: found ''"),
-    ("evaluate $REC --cameras 2,x", "--cameras: found"),
-    ("evaluate $REC --cameras 9", "--cameras: found 9"),
-    ("evaluate $REC --seeds 0", "--seeds: found 0"),
-    ("evaluate $REC --seeds 1000000000", "--seeds: found"),
     ("evaluate $REC --jobs 1000000000", "--jobs: found"),
     ("evaluate $REC --json $FOLDER", "found a folder"),
 ]
@@ -288,16 +200,14 @@ def test_a_bad_command_gets_one_line_and_leaves_nothing(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str, message: str
 ) -> None:
     places = {"REC": made, "RIG": made / RIG, **traps(tmp_path)}
-    before = everything(tmp_path), everything(made)
     filled = [re.sub(r"\$([A-Z]+)", lambda m: str(places[m[1]]), word) for word in words.split()]
-    result = run(capsys, filled)
-    assert_refused(result, message)
-    assert (everything(tmp_path), everything(made)) == before
+    refused_and_unchanged(capsys, filled, message, tmp_path, made)
 
 
 def test_group_without_a_verb_lists_its_verbs(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, err = run(capsys, ["import"])
-    assert (code, err) == (0, "") and "shelf" in out and "panoptic" in out
+    assert run("import") == 0
+    out, err = capsys.readouterr()
+    assert not err and "shelf" in out and "panoptic" in out
 
 
 def traps(folder: Path) -> dict[str, Path]:
@@ -312,7 +222,7 @@ def traps(folder: Path) -> dict[str, Path]:
     places["FULL"].mkdir()
     (places["FULL"] / "thesis.txt").touch()
     places["LINK"].symlink_to(places["FULL"])
-    places["LAUGHS"].write_text('<!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;">]><a>&c;</a>')
+    places["LAUGHS"].write_text(LAUGHS)
     places["ALIASES"].write_text("a: &a [1, 2]\nb: [*a, *a]\n")
     places["DEEP"].write_text("[" * 100_000)
     places["FAR"].write_text(
@@ -343,23 +253,6 @@ def npy(path: Path | io.BytesIO, shape: str, num_bytes: int) -> None:
         archive.writestr("K.npy", start + bytes(num_bytes))
 
 
-def everything(folder: Path) -> dict[str, tuple[int, int]]:
-    return {
-        str(path): (path.lstat().st_size, path.lstat().st_mtime_ns)
-        for path in sorted(folder.rglob("*"))
-    }
-
-
-def assert_refused(result: tuple[int, str, str], message: str) -> None:
-    code, out, err = result
-    assert code == 2
-    assert out == ""
-    assert err.startswith("e3pose: ") and err.endswith("\n")
-    assert len(err) < 1200
-    assert err[:-1].isprintable(), "control characters, or more than one line"
-    assert re.search(message, err), err
-
-
 def test_output_that_cannot_be_shown_is_no_error(
     made: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -384,4 +277,5 @@ def test_an_interruption_says_so(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("e3pose.cli.information.load_recording", interrupt)
-    assert run(capsys, ["info", str(made)]) == (130, "", "e3pose: interrupted\n")
+    assert run("info", made) == 130
+    assert capsys.readouterr() == ("", "e3pose: interrupted\n")

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cases import each_case
 from tests.cli.commands import run
 
 from e3pose.model.camera import Camera, Rig
@@ -78,19 +77,6 @@ def test_coco_makes_a_recording(source: Path) -> None:
                 source / "rig.toml", "--fps", 30) == 0  # fmt: skip
     recording = load_recording(source / "rec")
     assert [len(series.scores) for series in recording.views] == [1, 0]
-
-
-@each_case("verb", ["shelf", "panoptic"])
-@each_case("content", [b"", b"PK\x03\x04", b"\0" * 1000])
-def test_a_file_that_is_no_archive_is_named(
-    tmp_path: Path, verb: str, content: bytes, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "x.npz").write_bytes(content)
-    assert run("import", verb, tmp_path / "x.npz", tmp_path / "rec") == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "x.npz" in error
-    assert not (tmp_path / "rec").exists()
 
 
 @needs_shared

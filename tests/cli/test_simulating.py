@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cases import each_case
 from tests.cli import commands
 
 from e3pose.recording import load_recording
@@ -58,28 +57,6 @@ def test_takes_a_users_rig(tmp_path: Path) -> None:
     first, second = load_recording(tmp_path / "first"), load_recording(tmp_path / "second")
     assert first.rig.camera_ids == second.rig.camera_ids
     np.testing.assert_allclose(first.rig.centers_m, second.rig.centers_m, atol=1e-6)
-
-
-@each_case(
-    ("options", "message"),
-    [
-        (["--people", "-1"], "people: found -1"),
-        (["--scene", "moon"], "scene: found 'moon'"),
-        (["--resolution", "big"], "resolution: found 'big'"),
-        (["--fps", "nan"], "fps: found nan"),
-        (["--seconds", "0"], "slots"),
-        (["--seed", "-2"], "seed: found -2"),
-        (["--calibration", "missing.toml"], "missing.toml"),
-        (["--calibration", "missing.toml", "--cameras", "3"], "--cameras: found 3"),
-    ],
-)
-def test_bad_option_is_one_line_and_leaves_nothing(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(str(tmp_path / "scene"), *options) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_existing_folder_is_kept_and_a_recording_replaced_only_when_asked(tmp_path: Path) -> None:

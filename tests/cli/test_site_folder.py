@@ -101,27 +101,6 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
     assert header.startswith("run,") and ("time" in header or what == "tracks"), header
 
 
-@each_case(
-    ("words", "named"),
-    [
-        (("--site", "nowhere"), "--site: found 'nowhere'"),
-        (("--run", "77"), "--run: found 77"),
-        (("--joint", "tail"), "--joint: found 'tail'"),
-        (("--from", "soon"), "--from, --to: found 'soon'"),
-        (("--from", "9", "--to", "5"), "--from, --to: found '9' to '5'"),
-        (("--what", "runs", "--from", "-1h"), "--from: found with --what runs"),
-        (("--what", "slots", "--track", "1"), "--track: found 1 with --what slots"),
-    ],
-)
-def test_query_names_the_option_as_typed(
-    words: tuple[str, ...], named: str, lab: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    capsys.readouterr()
-    assert run("query", lab / "live.db", *words) == 2
-    err = capsys.readouterr().err
-    assert err.startswith(f"e3pose: {named}") and err.count("\n") == 1, err
-
-
 def test_query_of_a_site_without_a_store_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -124,6 +124,7 @@ def test_results_do_not_replace_what_they_are_made_from(
         (("--slots", "70:80"), "slots: found 70:80, expected a part of 0:75"),
         (("--leads", "1,x"), "--leads: found '1,x'"),
         (("--leads", "0"), "leads: found (0,)"),
+        (("--leads", "301"), "1 to 300"),
         (("--leads", ""), "--leads: found ''"),
         (
             ("--predictors", "zero-velocity,crystal-ball"),
@@ -133,6 +134,9 @@ def test_results_do_not_replace_what_they_are_made_from(
         (("--history", "500", "--predictors", BASELINES), "found nobody in 500 consecutive slots"),
         (("--missing", "1"), "missing: found 1"),
         (("--noise-mm", "nan"), "noise: found nan"),
+        (("--noise-mm", "-1"), "noise: found"),
+        (("--seed", "-1"), "seed and every: found -1 and 1"),
+        (("--every", "0"), "seed and every: found 0 and 0"),
         (("--plot", "curves.txt"), "--plot: found 'curves.txt'"),
     ],
 )

@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.breaking import Break, gone, instead, new, whole
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
@@ -51,11 +51,11 @@ def test_a_recording_comes_back_as_it_was(scene: Recording, tmp_path: Path) -> N
     np.testing.assert_allclose(after.rig.projections, before.rig.projections, atol=1e-6)
     for camera in range(4):
         for slot in range(40):
-            old, new = before.view(slot, camera), after.view(slot, camera)
-            assert (old is None) == (new is None)
-            if old is not None and new is not None:
-                np.testing.assert_allclose(new.keypoints_px, old.keypoints_px, atol=5.01e-4)
-                np.testing.assert_allclose(new.scores, old.scores, atol=1e-5)
+            old, now = before.view(slot, camera), after.view(slot, camera)
+            assert (old is None) == (now is None)
+            if old is not None and now is not None:
+                np.testing.assert_allclose(now.keypoints_px, old.keypoints_px, atol=5.01e-4)
+                np.testing.assert_allclose(now.scores, old.scores, atol=1e-5)
         np.testing.assert_allclose(after.views[camera].times_s, before.views[camera].times_s)
     assert after.truth is not None
     assert before.truth is not None
@@ -108,24 +108,11 @@ def test_a_hand_written_folder_needs_no_frame_counts(folder: Path) -> None:
     assert len(load_recording(folder).views[0].slots) == 40
 
 
-def _edit(name: str, old: str, new: str) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
-        text = (folder / name).read_text()
-        assert old in text
-        (folder / name).write_text(text.replace(old, new, 1))
-
-    return change
+def _half(name: str, share: float = 0.5) -> Break:
+    return lambda folder: os.truncate(folder / name, int((folder / name).stat().st_size * share))
 
 
-def _cut(name: str, share: float) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
-        content = (folder / name).read_bytes()
-        (folder / name).write_bytes(content[: int(len(content) * share)])
-
-    return change
-
-
-def _drop_last_line(name: str) -> Callable[[Path], None]:
+def _drop_last_line(name: str) -> Break:
     def change(folder: Path) -> None:
         lines = (folder / name).read_bytes().splitlines(keepends=True)
         (folder / name).write_bytes(b"".join(lines[:-1]))
@@ -133,39 +120,12 @@ def _drop_last_line(name: str) -> Callable[[Path], None]:
     return change
 
 
-def _remove(name: str) -> Callable[[Path], None]:
-    return lambda folder: (folder / name).unlink()
-
-
-def _write(name: str, content: bytes) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
-        (folder / name).write_bytes(content)
-
-    return change
-
-
-def _second(table: str) -> Callable[[Path], None]:
+def _second(table: str) -> Break:
     """Add a table of version 2."""
 
     def change(folder: Path) -> None:
-        _edit(TOML, "version = 1", "version = 2")(folder)
-        _edit(TOML, "[frames]", f"{table}\n[frames]")(folder)
-
-    return change
-
-
-def _pipe(name: str) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
-        (folder / name).unlink()
-        os.mkfifo(folder / name)
-
-    return change
-
-
-def _link(name: str, target: str) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
-        (folder / name).unlink()
-        (folder / name).symlink_to(target)
+        new(TOML, "version = 1", "version = 2")(folder)
+        new(TOML, "[frames]", f"{table}\n[frames]")(folder)
 
     return change
 
@@ -173,65 +133,75 @@ def _link(name: str, target: str) -> Callable[[Path], None]:
 TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
 
 
+def linked(target: str) -> Break:
+    return instead(VIEW, lambda path: path.symlink_to(target))
+
+
 @each_case(
     ("break_it", "message"),
     [
         (lambda folder: shutil.rmtree(folder), "rec: no such folder"),
-        (_remove(TOML), r"found a folder without recording.toml"),
-        (_write(TOML, b""), "recording.toml: format: found 'None'"),
-        (_cut(TOML, 0.3), "recording.toml: "),
-        (_write(TOML, b"\xff\xfe\x00"), "recording.toml: .*TOML"),
-        (_write(TOML, b"a = " + b"[" * 50_000), "recording.toml: .*TOML"),
-        (_write(TOML, b"#" * (2**20 + 1)), "recording.toml: found 1048577 bytes"),
-        (_edit(TOML, "e3pose-recording", "other"), "format: found 'other'"),
-        (_edit(TOML, "version = 1", "version = 4"), "version: found 4, expected 1 to 3; a newer"),
+        (gone(TOML), r"found a folder without recording.toml"),
+        (whole(TOML, b""), "recording.toml: format: found 'None'"),
+        (_half(TOML, 0.3), "recording.toml: "),
+        (whole(TOML, b"\xff\xfe\x00"), "recording.toml: .*TOML"),
+        (whole(TOML, b"a = " + b"[" * 50_000), "recording.toml: .*TOML"),
+        (whole(TOML, b"#" * (2**20 + 1)), "recording.toml: found 1048577 bytes"),
+        (new(TOML, "e3pose-recording", "other"), "format: found 'other'"),
+        (new(TOML, "version = 1", "version = 4"), "version: found 4, expected 1 to 3; a newer"),
         (
-            _edit(TOML, "[frames]", "[battery_wh]\ncam0 = 1.0\n[frames]"),
+            new(TOML, "[frames]", "[battery_wh]\ncam0 = 1.0\n[frames]"),
             "version: found 1, expected 2 with battery_wh",
         ),
         (_second("[battery_wh]\neve = 1.0"), "battery_wh: found camera 'eve'"),
         (_second("[battery_wh]\ncam0 = -1.0"), "battery_wh.cam0: found -1.0, expected a number"),
         (_second("[dies_at_s]\ncam0 = nan"), "dies_at_s.cam0: found nan, expected a number"),
-        (_edit(TOML, "version = 1", "version = true"), "version: found True"),
-        (_edit(TOML, "version = 1\n", ""), "version: found None"),
-        (_edit(TOML, "fps = 20.0", "fps = nan"), "recording.toml: .*fps is nan"),
+        (new(TOML, "version = 1", "version = true"), "version: found True"),
+        (new(TOML, "version = 1\n", ""), "version: found None"),
+        (new(TOML, "fps = 20.0", "fps = nan"), "recording.toml: .*fps is nan"),
         (
-            _edit(TOML, "fps = 20.0", 'fps = "fast"'),
+            new(TOML, "fps = 20.0", 'fps = "fast"'),
             r"recording.toml: fps: found text, expected a number",
         ),
-        (_edit(TOML, "fps = 20.0", "fps = -1"), "fps is -1"),
-        (_edit(TOML, "num_slots = 40", "num_slots = 1000000000000"), "num_slots: found 1000000"),
-        (_edit(TOML, "num_slots = 40", "num_slots = 99000000"), "num_slots: 99000000 slots of 2"),
-        (_edit(TOML, "num_slots = 40", "num_slots = 39"), r"cam0.jsonl:40: slot: found 39"),
-        (_edit(TOML, "num_slots = 40", "num_slots = 41"), "truth.jsonl: found 40 lines"),
-        (_edit(TOML, 'skeleton = "coco17"', 'skeleton = "octopus"'), "toml: skeleton 'octopus'"),
-        (_edit(TOML, "cam1 = 40", "eve = 40"), "frames: found camera 'eve'"),
-        (_edit(TOML, "cam1 = 40", "cam1 = 41"), "cam1.jsonl: found 40 lines, expected 41"),
-        (_edit(TOML, "cam1 = 40\n", ""), "cam1.jsonl: found 40 lines, expected 0"),
-        (_edit(TOML, "name =", "colour ="), "recording.toml: "),
-        (_edit(TOML, "[frames]", "scored_slots = [0, 41]\n[frames]"), "scored_slots: found 0..41"),
-        (_edit(TOML, "[frames]", '[videos]\ncam0 = "../x"\n[frames]'), "videos.cam0: found '../x'"),
-        (_edit(TOML, '"ann"', '"eve"'), "truth.jsonl:1: people: found 'ann'"),
-        (_remove("calibration.toml"), "calibration.toml"),
-        (_write("calibration.toml", b""), "calibration.toml"),
-        (_cut("calibration.toml", 0.6), "calibration.toml"),
-        (_remove(VIEW), "cam1.jsonl: file not found"),
-        (_write(VIEW, b""), "cam1.jsonl: found 0 lines, expected 40"),
-        (_cut(VIEW, 0.5), r"cam1.jsonl:\d+: Input data was truncated"),
+        (new(TOML, "fps = 20.0", "fps = -1"), "fps is -1"),
+        (new(TOML, "num_slots = 40", "num_slots = 1000000000000"), "num_slots: found 1000000"),
+        (new(TOML, "num_slots = 40", "num_slots = 99000000"), "num_slots: 99000000 slots of 2"),
+        (new(TOML, "num_slots = 40", "num_slots = 39"), r"cam0.jsonl:40: slot: found 39"),
+        (new(TOML, "num_slots = 40", "num_slots = 41"), "truth.jsonl: found 40 lines"),
+        (new(TOML, 'skeleton = "coco17"', 'skeleton = "octopus"'), "toml: skeleton 'octopus'"),
+        (new(TOML, "cam1 = 40", "eve = 40"), "frames: found camera 'eve'"),
+        (new(TOML, "cam1 = 40", "cam1 = 41"), "cam1.jsonl: found 40 lines, expected 41"),
+        (new(TOML, "cam1 = 40\n", ""), "cam1.jsonl: found 40 lines, expected 0"),
+        (new(TOML, "name =", "colour ="), "recording.toml: "),
+        (new(TOML, "[frames]", "scored_slots = [0, 41]\n[frames]"), "scored_slots: found 0..41"),
+        (new(TOML, "[frames]", '[videos]\ncam0 = "../x"\n[frames]'), "videos.cam0: found '../x'"),
+        (new(TOML, '"ann"', '"eve"'), "truth.jsonl:1: people: found 'ann'"),
+        (gone("calibration.toml"), "calibration.toml"),
+        (whole("calibration.toml", b""), "calibration.toml"),
+        (_half("calibration.toml", 0.6), "calibration.toml"),
+        (gone(VIEW), "cam1.jsonl: file not found"),
+        (whole(VIEW, b""), "cam1.jsonl: found 0 lines, expected 40"),
+        (_half(VIEW), r"cam1.jsonl:\d+: Input data was truncated"),
         (_drop_last_line(VIEW), "cam1.jsonl: found 39 lines, expected 40"),
-        (_edit(VIEW, '{"slot":1,', '{"slot":0,'), "cam1.jsonl:2: slot: found 0, expected more"),
-        (_edit(VIEW, '"people":[[[', '"people":[[[NaN,'), "cam1.jsonl:1: "),
-        (_pipe(VIEW), "cam1.jsonl: found a pipe"),
-        (_link(VIEW, "/dev/zero"), "cam1.jsonl: found a pipe, socket or device"),
-        (_link(VIEW, "/etc/passwd"), r"cam1.jsonl:1: JSON is malformed"),
-        (_write("keypoints/eve.jsonl", b""), "eve.jsonl: camera 'eve' is not in calibration.toml"),
-        (_remove(TRUTH), "truth.jsonl: file not found"),
+        (new(VIEW, '{"slot":1,', '{"slot":0,'), "cam1.jsonl:2: slot: found 0, expected more"),
+        (new(VIEW, '"people":[[[', '"people":[[[NaN,'), "cam1.jsonl:1: "),
+        (instead(VIEW, os.mkfifo), "cam1.jsonl: found a pipe"),
+        (
+            linked("/dev/zero"),
+            "cam1.jsonl: found a pipe, socket or device",
+        ),
+        (
+            linked("/etc/passwd"),
+            r"cam1.jsonl:1: JSON is malformed",
+        ),
+        (whole("keypoints/eve.jsonl", b""), "eve.jsonl: camera 'eve' is not in calibration.toml"),
+        (gone(TRUTH), "truth.jsonl: file not found"),
         (_drop_last_line(TRUTH), "truth.jsonl: found 39 lines, expected one for each of 40"),
-        (_edit(TRUTH, '{"slot":1,', '{"slot":7,'), "truth.jsonl:2: slot: found 7, expected 1"),
+        (new(TRUTH, '{"slot":1,', '{"slot":7,'), "truth.jsonl:2: slot: found 7, expected 1"),
     ],
 )
 def test_a_broken_folder_gets_one_line_with_file_and_field(
-    scene: Recording, tmp_path: Path, break_it: Callable[[Path], None], message: str
+    scene: Recording, tmp_path: Path, break_it: Break, message: str
 ) -> None:
     folder = tmp_path / "rec"
     save_recording(scene, folder)

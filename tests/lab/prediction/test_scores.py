@@ -226,25 +226,6 @@ def test_a_motion_too_short_to_predict_is_named() -> None:
         evaluate_motion(_motion(), ["zero-velocity"], PredictionSettings())
 
 
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ({"leads": ()}, "leads"),
-        ({"leads": (0,)}, "leads"),
-        ({"leads": (301,)}, "1 to 300"),
-        ({"history_slots": 0}, "history"),
-        ({"noise_m": float("nan")}, "noise"),
-        ({"noise_m": -0.1}, "noise"),
-        ({"missing": 1.0}, "missing"),
-        ({"seed": -1}, "seed"),
-        ({"every": 0}, "every"),
-    ],
-)
-def test_wrong_settings_are_named(option: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        PredictionSettings(**option)  # type: ignore[arg-type]
-
-
 def test_latency_is_the_time_of_calls_alone() -> None:
     ticks = iter(np.cumsum([0.0, 0.001] * 60).tolist())
     times = latencies_ms(

@@ -30,12 +30,16 @@ def whole(name: str, content: str | bytes) -> Break:
     return lambda folder: (folder / name).write_bytes(data)
 
 
-def cut(name: str) -> Break:
-    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:60])
+def cut(name: str, end: int = 60) -> Break:
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:end])
 
 
 def sparse(name: str) -> Break:
     return lambda folder: os.truncate(folder / name, 10 * 2**30)
+
+
+def gone(name: str) -> Break:
+    return lambda folder: (folder / name).unlink()
 
 
 def instead(name: str, make: Callable[[Path], object]) -> Break:
