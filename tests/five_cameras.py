@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from tests.estimate.filter.room import BODY
+from tests.rigs import around
 
 from e3pose.energy.queues import Queue
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
-from e3pose.model.camera import Camera, Rig
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
@@ -25,21 +25,7 @@ BUDGET = np.full(NUM_CAMERAS, 0.6)
 ONLINE = np.ones(NUM_CAMERAS, dtype=bool)
 
 
-def ring() -> Rig:
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate(np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False)):
-        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 2.0])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"cam{index}", (1000, 800), K, R, -R @ centre))
-    return Rig(tuple(cameras))
-
-
-RIG = ring()
+RIG = around(np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False), 4.0, 2.0, "cam")
 
 
 def scene(slot: int) -> dict[int, Poses2D]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from tests.rigs import around
 
-from e3pose.model.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
@@ -14,16 +14,7 @@ from e3pose.recording import Recording, Truth, ViewSeries
 
 def one_person(angles: Sequence[float], num_slots: int, truth: bool = True) -> Recording:
     """Return the person between cameras that stand at `angles`, radians, on a circle of 4 m."""
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate(angles):
-        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
+    rig = around(angles, 4.0, 1.5)
     body = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
     joints_m = np.stack([[body + [0.01 * slot, 0, 0]] for slot in range(num_slots)])
     series = tuple(
@@ -33,9 +24,9 @@ def one_person(angles: Sequence[float], num_slots: int, truth: bool = True) -> R
             (np.arange(num_slots) / 25).tolist(),
             17,
         )
-        for camera in cameras
+        for camera in rig.cameras
     )
     return Recording(
-        "one person", Rig(tuple(cameras)), 25.0, num_slots, COCO17, series,
+        "one person", rig, 25.0, num_slots, COCO17, series,
         truth=Truth(COCO17, ("anna",), joints_m) if truth else None,
     )  # fmt: skip

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.cases import each_case
+from tests.rigs import around
 
 from e3pose.base.errors import InputError
 from e3pose.energy.profiles import load_profile
@@ -17,7 +18,7 @@ from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import noise_lines
-from e3pose.model.camera import Camera, Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
@@ -32,17 +33,7 @@ SETTINGS = ReplaySettings(num_selected=2)
 @cache
 def recording() -> Recording:
     """Return two people who walk, seen exactly by four cameras."""
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate(np.linspace(0.3, 4.5, NUM_CAMERAS)):
-        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
-        forward = -centre / np.linalg.norm(centre) + [0, 0, 0.2]
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
-    rig = Rig(tuple(cameras))
+    rig = around(np.linspace(0.3, 4.5, NUM_CAMERAS), 4.0, 1.5)
     rng = np.random.default_rng(0)
     body = rng.normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
     truth = np.stack([[body + [0.01 * s, 0, 0], body + [0, 0.9, 0]] for s in range(NUM_SLOTS)])

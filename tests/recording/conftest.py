@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.rigs import on_circle, towards
 
-from e3pose.model.camera import Camera, Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
@@ -12,22 +13,11 @@ NUM_SLOTS = 40
 FPS = 20.0
 
 
-def _camera(camera_id: str, angle: float) -> Camera:
-    """A camera on a ring of 4 m, 2 m up, that looks at the middle of the room, z up."""
-    center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 2.0])
-    forward = np.array([0.0, 0.0, 1.0]) - center
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]
-    return Camera.from_world_to_camera(camera_id, (1280, 720), K, rotation, -rotation @ center)
-
-
 @pytest.fixture(scope="session")
 def scene() -> Recording:
     """Two people who walk past each other, seen by four cameras without error; nothing is wrong."""
-    rig = Rig(tuple(_camera(f"cam{n}", angle) for n, angle in enumerate((0.1, 1.6, 3.3, 4.6))))
+    places = (on_circle(4.0, 2.0, angle) for angle in (0.1, 1.6, 3.3, 4.6))
+    rig = Rig(tuple(towards(f"cam{n}", at, size=(1280, 720)) for n, at in enumerate(places)))
     rng = np.random.default_rng(5)
     body = rng.uniform([-0.3, -0.3, 0.0], [0.3, 0.3, 1.8], (2, 17, 3))
     path = np.linspace(

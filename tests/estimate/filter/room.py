@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+from tests.rigs import on_circle, towards
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.step import StepKernel
-from e3pose.model.camera import Camera, Rig
+from e3pose.model.camera import Rig
 from e3pose.model.noises import load_noise
 from e3pose.model.people import People
 from e3pose.model.pose import Poses2D
@@ -37,21 +38,11 @@ BODY = np.array(
 
 
 def ring(distortion: tuple[float, ...] = ()) -> Rig:
-    K = np.array([[900.0, 0, 515.5], [0, 900, 387.5], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate(np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False)):
-        centre = np.array([5 * np.cos(angle), 5 * np.sin(angle), 2.2])
-        forward = np.array([0, 0, 0.9]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(
-            Camera.from_world_to_camera(
-                f"cam{index}", (1032, 776), K, R, -R @ centre, distortion=distortion
-            )
-        )
-    return Rig(tuple(cameras))
+    angles = np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False)
+    return Rig(tuple(
+        towards(f"cam{n}", on_circle(5.0, 2.2, angle), (0, 0, 0.9), (1032, 776), lens=distortion)
+        for n, angle in enumerate(angles)
+    ))  # fmt: skip
 
 
 RIG = ring()

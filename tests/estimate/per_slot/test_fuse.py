@@ -13,12 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
+from tests.rigs import on_circle, towards
 
 from bench_fuse import load_workload, quality, run
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.estimate.per_slot.fuse import MAX_POSES, Fuser, Fusion, FusionSettings
-from e3pose.model.camera import Camera, Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 
 Make = type[Fuser]
@@ -29,22 +30,11 @@ BODY = np.random.default_rng(7).uniform((-0.25, -0.25, 0.1), (0.25, 0.25, 1.7), 
 
 
 def ring(num_cameras: int, distortion: tuple[float, ...] = (), fisheye: bool = False) -> Rig:
-    cameras = []
-    for index in range(num_cameras):
-        angle = 2.4 * index + 0.2
-        center = np.array([5 * np.cos(angle), 5 * np.sin(angle), 2.5 + 0.1 * index])
-        forward = np.array([0, 0, 1.0]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        K = np.array([[700, 0, 500], [0, 700, 400], [0, 0, 1.0]])
-        cameras.append(
-            Camera.from_world_to_camera(
-                f"c{index}", (1000, 800), K, R, -R @ center, distortion, fisheye
-            )
-        )
-    return Rig(tuple(cameras))
+    places = (on_circle(5.0, 2.5 + 0.1 * n, 2.4 * n + 0.2) for n in range(num_cameras))
+    return Rig(tuple(
+        towards(f"c{n}", place, focal=700, lens=distortion, fisheye=fisheye)
+        for n, place in enumerate(places)
+    ))  # fmt: skip
 
 
 def people(num_persons: int) -> Floats:
