@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 import zipfile
@@ -111,15 +112,20 @@ def test_container_and_ci_have_the_same_versions() -> None:
     ids=str,
 )
 def test_licences_that_we_may_not_use_are_refused(
-    tmp_path: Path, licenses: list[dict[str, Any]], refused: bool
+    tmp_path: Path,
+    licenses: list[dict[str, Any]],
+    refused: bool,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     path = tmp_path / "sbom.json"
     component = {"name": "thing", "version": "1", "licenses": licenses}
     path.write_text(json.dumps({"components": [component]}))
-    script = ROOT / "requirements" / "licences.py"
-    ended = subprocess.run([sys.executable, script, path], capture_output=True, text=True)
-    assert ended.returncode == int(refused), ended.stdout + ended.stderr
-    assert "thing" in ended.stdout
+    monkeypatch.setattr(sys, "argv", ["licences.py", str(path)])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(ROOT / "requirements" / "licences.py"), run_name="__main__")
+    assert ended.value.code == int(refused)
+    assert "thing" in capsys.readouterr().out
 
 
 def requirements(name: str) -> list[Requirement]:

@@ -31,8 +31,13 @@ def test_board_is_what_its_name_says(name: str) -> None:
     assert len(board.corners_m) == (board.rows - 1) * (board.columns - 1)
 
 
-@each_case("name", ["charuco-5x7-36mm", "charuco-6x8-20mm", "chessboard-5x8-60mm"])
-@each_case("roll", [0.0, 0.4, np.pi])
+@each_case(
+    "name, roll",
+    [
+        ("charuco-5x7-36mm", 0.0), ("charuco-5x7-36mm", np.pi), ("charuco-6x8-20mm", 0.4),
+        ("chessboard-5x8-60mm", 0.0), ("chessboard-5x8-60mm", np.pi),
+    ],
+)  # fmt: skip
 def test_corners_are_found_where_they_are(name: str, roll: float) -> None:
     board = Board.parse(name)
     middle = np.array([0.0, 0.0, 12.5 * board.square_m * board.rows / 7])

@@ -79,7 +79,7 @@ def test_advice_names_what_is_missing() -> None:
 @pytest.mark.parametrize("camera", [WEBCAM, FISHEYE], ids=["pinhole", "fisheye"])
 def test_gross_corners_do_not_bend_the_focal_length(camera: Camera) -> None:
     rng = np.random.default_rng(8)
-    views = corner_views(camera, BOARD, 40, rng, noise_px=0.15)
+    views = corner_views(camera, BOARD, 24, rng, noise_px=0.15)
     clean = fit_intrinsics("cam", camera.image_size, BOARD.corners_m, views, np.ones(len(views)))
     wrong = rng.random(views.shape[:2]) < 0.05
     views[wrong] += rng.normal(0, 15.0, (int(wrong.sum()), 2))

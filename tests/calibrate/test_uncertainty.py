@@ -19,7 +19,7 @@ from e3pose.simulate.scenes import GUESSES
 
 pytestmark = pytest.mark.slow
 
-WALK = SceneSettings(people=2, seconds=12.0, fps=5.0, cameras=4)
+WALK = SceneSettings(people=2, seconds=8.0, fps=5.0, cameras=4)
 CASES = {
     "ring": (WALK, 711),
     "errors that follow the view": (replace(WALK, detector=GUESSES), 712),

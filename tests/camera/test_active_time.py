@@ -154,10 +154,9 @@ def make_ledger(site: Site, budgets: list[Budget], count: float) -> EnergyLedger
 @each_case(
     ("cameras", "count", "policy", "look_share"),
     [
-        *((cameras, count, RoundRobin, 0.2) for cameras, count in ((4, 1), (4, 2), (5, 2))),
-        *((cameras, count, Random, 1.0) for cameras, count in ((4, 1), (4, 2), (5, 2))),
+        (5, 2, RoundRobin, 0.2),
+        (4, 2, Random, 1.0),
         (4, 1, RoundRobin, 1.5),  # slots
-        (4, 1, Random, 1.5),
     ],
 )
 def test_exact_meter_is_learned_in_two_minutes_and_pays_for_what_budgets_say(
@@ -227,7 +226,7 @@ class LooksAt:
         return np.array([situation.slot in self.slots])
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_camera_that_falls_asleep_after_each_look_is_learned_in_two_minutes(seed: int) -> None:
     rng, site = np.random.default_rng(seed), Site(25.0, 1, look_share=0.6)
     ledger = make_ledger(site, [Budget("watts", 4.5)], 1)

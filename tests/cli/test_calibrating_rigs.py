@@ -35,7 +35,8 @@ def recording() -> Recording:
 def folders(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     top = tmp_path_factory.mktemp("rigs")
     save_recording(recording, top / "known")
-    save_recording(without_calibration(recording), top / "bare")
+    seldom = walk(761, seconds=12.0, fps=5.0)  # half the views, half the time
+    save_recording(without_calibration(seldom), top / "bare")
     save_rig(Move(1.0, Y_UP, np.zeros(3)).rig(recording.rig), top / "yup.toml")
     return top
 

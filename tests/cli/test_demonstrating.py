@@ -36,7 +36,12 @@ from e3pose.wire.site_messages import Status
 pytestmark = pytest.mark.slow
 
 SMALL = SceneSettings(
-    people=1, seconds=1.2, fps=10, cameras=3, detector=DetectorSettings(perfect=True)
+    people=1,
+    seconds=1.2,
+    fps=10,
+    cameras=3,
+    image_size=(480, 360),
+    detector=DetectorSettings(perfect=True),
 )
 FILES = {"report.html", "overlay.webm", "poses.parquet", "poses.csv",
          "summary.json", "recording", "site", "e3pose-demo.txt"}  # fmt: skip
@@ -78,7 +83,10 @@ def replace_slot(status: Status, slot: int) -> Status:
 
 
 def test_offline_leaves_the_same_files_of_a_simulated_scene(
-    tmp_path: Path, ran: list[Sequence[Program]], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    ran: list[Sequence[Program]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     dest = tmp_path / "demo"
     assert run("demo", dest) == 0
@@ -106,8 +114,21 @@ def test_offline_leaves_the_same_files_of_a_simulated_scene(
     assert run("replay", dest / "recording") == 0, "what it leaves can be used again"
     assert refused(capsys, "demo", dest).startswith(f"e3pose: {dest}")
     (dest / "report.html").write_text("old")
+
+    def refuse(progress: Progress) -> None:
+        raise InputError("wheel of pose2sim==0.10.49: not found in https://index.example/simple")
+
+    monkeypatch.delenv("E3POSE_OFFLINE")
+    monkeypatch.setattr(demonstrating, "fetch_clip", refuse)
     assert run("demo", dest, "--overwrite") == 0
     assert (dest / "report.html").stat().st_size > 1_000_000
+    out, err = capsys.readouterr()
+    assert out.splitlines()[:2] == [
+        "Could not download the four-camera recording: wheel of pose2sim==0.10.49: not found in "
+        "https://index.example/simple.",
+        "This is a simulated scene instead.",
+    ]
+    assert err.startswith("downloading the four-camera recording ...\nsimulating a scene ...\n")
 
 
 def test_clip_is_detected_in_played_slower_and_drawn(
@@ -141,27 +162,6 @@ def test_clip_is_detected_in_played_slower_and_drawn(
     assert movie.rate == pytest.approx(20 / 3, rel=1e-3)
 
 
-def test_failed_download_is_said_in_one_line(
-    tmp_path: Path,
-    ran: list[Sequence[Program]],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def refuse(progress: Progress) -> None:
-        raise InputError("wheel of pose2sim==0.10.49: not found in https://index.example/simple")
-
-    monkeypatch.delenv("E3POSE_OFFLINE")
-    monkeypatch.setattr(demonstrating, "fetch_clip", refuse)
-    assert run("demo", tmp_path / "demo") == 0
-    out, err = capsys.readouterr()
-    assert out.splitlines()[:2] == [
-        "Could not download the four-camera recording: wheel of pose2sim==0.10.49: not found in "
-        "https://index.example/simple.",
-        "This is a simulated scene instead.",
-    ]
-    assert err.startswith("downloading the four-camera recording ...\nsimulating a scene ...\n")
-
-
 def test_program_that_ends_by_itself_ends_the_demo_with_its_last_words(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -193,6 +193,7 @@ def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
     assert "e3pose demo" in out and "--offline" in out and "simulated" in out
 
 
+@pytest.mark.nightly  # tests/live runs `up`, and the tests above all but the programs
 def test_demo_runs_a_site_of_real_processes(tmp_path: Path) -> None:
     dest = tmp_path / "demo"
     before = set(psutil.Process().children(recursive=True))

@@ -14,6 +14,7 @@ import av
 import numpy as np
 import pytest
 from tests.cli.commands import run
+from tests.distributions import ROOT
 
 from e3pose.cli import detecting
 from e3pose.model.camera import Camera, Rig
@@ -26,25 +27,33 @@ pytestmark = pytest.mark.slow
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 12
 
-# A detector that takes 0.1 s and sees the frame's brightness, so that a run can be stopped halfway.
+# Detects in 0.1 s, so that a run can be stopped halfway.
 SLOW = """
 import sys, time
-import numpy as np
-from e3pose.cli import main
-from e3pose.cli import detecting
-from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17
+from tests.cli.test_detecting import Brightness
+from e3pose.cli import detecting, main
 
-class Slow:
-    skeleton = COCO17
-
+class Slow(Brightness):
     def detect(self, image):
         time.sleep(0.1)
-        return Poses2D(np.full((1, 17, 2), round(float(image.mean()))), np.full((1, 17), 0.5))
+        return super().detect(image)
 
-detecting._detector = lambda *_: (Slow(), "slow")
+detecting._detector = lambda *_: (Slow([]), "slow")
 main(sys.argv[1:])
 """
+
+
+class Brightness:
+    """Sees the brightness of a frame."""
+
+    skeleton = COCO17
+
+    def __init__(self, seen: list[float]) -> None:
+        self.seen = seen
+
+    def detect(self, image: np.ndarray[Any, Any]) -> Poses2D:
+        self.seen.append(round(float(image.mean())))
+        return Poses2D(np.full((1, 17, 2), self.seen[-1]), np.full((1, 17), 0.5))
 
 
 class Middle:
@@ -78,7 +87,10 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def slow(words: Sequence[str]) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-c", SLOW, "detect", *words], stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", SLOW, "detect", *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
     )
 
 
@@ -172,7 +184,9 @@ def test_unknown_model_or_family_is_one_line(
     assert "nonsense" in error and error.count("\n") == 1
 
 
-def test_killed_run_continues(tmp_path: Path) -> None:
+def test_killed_and_interrupted_run_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     words = site(tmp_path)
     words.insert(2, str(tmp_path / "out"))
     partial = tmp_path / "out.partial"
@@ -182,28 +196,22 @@ def test_killed_run_continues(tmp_path: Path) -> None:
     process.communicate()
     done = sum(p.read_bytes().count(b"\n") for p in partial.glob("keypoints/*.jsonl"))
     assert 5 <= done < 2 * FRAMES and not (tmp_path / "out").exists()
-    begin = time.monotonic()
-    again = slow(words)
-    _, error = again.communicate(timeout=60)
-    assert again.returncode == 0, error
-    assert time.monotonic() - begin >= 0.1 * (2 * FRAMES - done)
+    process = slow(words)
+    wait_for_lines(partial, done + 2)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "out.partial keeps the work" in error and error.count("\n") == 1
+    looked = list[float]()
+    monkeypatch.setattr(detecting, "_detector", lambda *_: (Brightness(looked), "slow"))
+    assert run("detect", *words) == 0
+    assert 0 < len(looked) <= 2 * FRAMES - done - 2, "nothing is looked at again"
     recording = load_recording(tmp_path / "out")
     for series in recording.views:
         assert series.slots.tolist() == list(range(FRAMES))
         levels = series.keypoints_px[:, 0, 0]
         np.testing.assert_allclose(levels, 20 + 10 * np.arange(FRAMES), atol=3)
     assert not partial.exists()
-
-
-def test_interrupt_exits_130_and_says_how_to_go_on(tmp_path: Path) -> None:
-    words = site(tmp_path)
-    words.insert(2, str(tmp_path / "out"))
-    process = slow(words)
-    wait_for_lines(tmp_path / "out.partial", 2)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "out.partial keeps the work" in error and error.count("\n") == 1
 
 
 @pytest.mark.shared

@@ -105,7 +105,7 @@ class Terminal:
 
 
 def test_a_plug_is_read_step_by_step_and_a_profile_written(tmp_path: Path, plug: Plug) -> None:
-    words = (*film(tmp_path), "--meter", plug.name, "--seconds", "1.4", "--wakes", "1")
+    words = (*film(tmp_path), "--meter", plug.name, "--seconds", "1", "--wakes", "1")
     screen = Terminal(*MEASURE, *words)
     screen.until("5.00 W now")
     screen.begin()

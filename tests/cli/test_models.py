@@ -187,8 +187,7 @@ def test_a_mirror_names_its_files_by_their_last_part(
     assert "expected the description of a repository" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGINT])
-def test_a_stopped_pull_leaves_nothing(tmp_path: Path, sign: signal.Signals) -> None:
+def test_a_stopped_pull_leaves_nothing(tmp_path: Path) -> None:
     """A server that sends half and then waits; the pull is stopped while it waits too."""
     listener = socket.create_server(("127.0.0.1", 0))
     listener.settimeout(30)
@@ -210,7 +209,7 @@ main(["models", "pull", "movenet-multipose"])
         while not any(path.stat().st_size for path in folder.glob(".*")):
             assert time.monotonic() < deadline, "nothing is being written"
             time.sleep(0.02)
-        process.send_signal(sign)
+        process.send_signal(signal.SIGTERM)
         process.communicate(timeout=20)
-    assert process.returncode == 128 + sign
+    assert process.returncode == 128 + signal.SIGTERM
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]

@@ -78,7 +78,7 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
     assert table.num_rows == NUM_SLOTS * 17
 
 
-@pytest.mark.parametrize("method", ["rts", "butterworth"])
+@each_case("method", ["rts", "butterworth"])
 def test_smoothed_poses_are_figures_and_rows(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
 ) -> None:
@@ -176,9 +176,9 @@ def test_nobody_found_is_a_result_with_a_reason(
 def test_every_verb_that_acts_says_what_info_knows(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    walking = walk(3, people=2, seconds=8.0, fps=12.0)
+    walking = walk(3, people=2, seconds=5.0, fps=8.0)
     later = replace(
-        walking.views[2], slots=walking.views[2].slots + 24, times_s=walking.views[2].times_s + 2
+        walking.views[2], slots=walking.views[2].slots + 16, times_s=walking.views[2].times_s + 2
     )
     views = (*walking.views[:2], later, walking.views[3])
     cases = {
@@ -186,7 +186,7 @@ def test_every_verb_that_acts_says_what_info_knows(
         "axes": (moved(walking, [[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]), "--up=-y"),
         "pixels": (moved(walking, shrink=2), "keypoints lie outside the"),
         "later": (
-            replace(walking, num_slots=walking.num_slots + 24, views=views, truth=None),
+            replace(walking, num_slots=walking.num_slots + 16, views=views, truth=None),
             "off where most other cameras",
         ),
         "fine": (replace(walking, truth=None), ""),
@@ -221,7 +221,7 @@ def test_every_verb_that_acts_says_what_info_knows(
                 "--calibration",
                 rig,
                 "--fps",
-                12,
+                8,
             ),
             ("replay", folder, "--poses", poses),
             *([("export", poses, tmp_path / f"{name}.trc")] if name in ("axes", "fine") else []),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,17 @@ from tests.cli.commands import run
 from tests.detectors.test_chooser import NAPPER
 from tests.rigs import looking
 
+from e3pose.detectors.timing import DetectionTimes
 from e3pose.output.report.overlay import write_movie
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import load_site
 
 pytestmark = pytest.mark.slow
+
+
+def measured(workloads: Sequence[object]) -> DetectionTimes:
+    """A detection takes 0.3 s here; to measure it takes a process for each camera."""
+    return DetectionTimes(np.full(len(workloads), 0.3), np.full(len(workloads), 0.3))
 
 
 @pytest.fixture
@@ -25,6 +32,7 @@ def films(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("e3pose.cli.starting.find_devices", dict)
+    monkeypatch.setattr("e3pose.site.detector_speed.time_detections", measured)
     (tmp_path / "napper.py").write_text(NAPPER)
     for number in range(4):
         level = 0 if number == 3 else 128

@@ -18,7 +18,7 @@ from e3pose.recording import Recording, load_recording
 from e3pose.store import Store
 
 WHOLE, HAND = SKELETONS["coco133"], SKELETONS["left_hand21"]
-SCENE = ["--scene", "ring", "--cameras", "4", "--people", "2", "--seconds", "6", "--seed", "4"]
+SCENE = ["--scene", "ring", "--cameras", "4", "--people", "2", "--seconds", "3", "--seed", "4"]
 FROM = 30  # slots before everybody is known
 MOST_MM = {"core": 60.0, "detail": 80.0}  # median by joint; each is measured below half of it
 
@@ -87,7 +87,7 @@ def test_every_joint_is_near_the_truth_in_every_file(replayed: Path) -> None:
         for places in (_trc(replayed, track), _c3d(replayed, track), _glb(replayed, track, there),
                        _bvh(replayed, track), _wide(replayed, track)):  # fmt: skip
             off = [places[slot] - m for slot, m in there.items() if slot in places]
-            assert not there or len(off) > 20
+            assert not there or len(off) > 5
             away_mm = 1000 * np.abs(off if off else np.zeros((1, 133, 3)))
             assert np.nanmedian(away_mm, axis=0).max() < 60.0  # of bones, whose lengths are fixed
             assert np.nanmax(np.delete(away_mm, WHOLE.core, axis=1)) < 1.0  # others are exact
@@ -174,7 +174,7 @@ def _glb(
     file, found = Gltf(folder / "walk.glb"), {}
     first = min(_c3d(folder, track, of))
     nodes = [file.names.index(f"track{track}_{joint}") for joint in of.joints]
-    for slot in list(there)[:30]:
+    for slot in list(there)[:40:6]:
         places = np.array([file.world(node, (slot - first) / 25)[1] for node in nodes])
         found[slot] = np.stack([places[:, 0], -places[:, 2], places[:, 1]], axis=-1)
     return found

@@ -40,7 +40,7 @@ INTERVAL_S = 0.08
 
 @functools.cache
 def scene(name: str, seed: int) -> Recording:
-    return simulate(SceneSettings(scene=name, seconds=10.0, fps=1 / INTERVAL_S), seed)
+    return simulate(SceneSettings(scene=name, seconds=8.0, fps=1 / INTERVAL_S), seed)
 
 
 @functools.cache

@@ -33,7 +33,7 @@ ALL = ReplaySettings(policy="all", feedback=True, whole_every=4)
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return film(tmp_path_factory.mktemp("films") / "films", cameras=3, seconds=4, seed=702)
+    return film(tmp_path_factory.mktemp("films") / "films", cameras=3, seconds=2.4, seed=702)
 
 
 @pytest.fixture(scope="module")
@@ -134,9 +134,9 @@ def test_commands_compare_a_policy_with_and_without_feedback(
     ]  # fmt: skip
     words = ("--policy", "round-robin", "--feedback", "--detector", "drawn", "--whole-every", 3)
     assert run("replay", films, *words) == 0
-    assert " of 90 in the part where people were expected" in capsys.readouterr().out
+    assert " of 58 in the part where people were expected" in capsys.readouterr().out
     assert run("replay", films, "--policy", "all", "--detector", "drawn") == 0
-    assert "detections: 0 of 120 in the part where people were expected" in capsys.readouterr().out
+    assert "detections: 0 of 72 in the part where people were expected" in capsys.readouterr().out
 
 
 def test_command_says_what_feedback_lacks(
@@ -212,11 +212,11 @@ def test_detection_with_feedback_goes_on_after_an_interruption(
 
     assert detect(Counting(), tmp_path / "whole") == 0
     with pytest.raises(KeyboardInterrupt):
-        detect(Interrupted(50), tmp_path / "halves")
+        detect(Interrupted(30), tmp_path / "halves")
     assert partial_folder(tmp_path / "halves").is_dir()
     again = Counting()
-    assert detect(again, tmp_path / "halves") == 50
-    assert len(again.pixels) == 3 * recording.num_slots - 50
+    assert detect(again, tmp_path / "halves") == 30
+    assert len(again.pixels) == 3 * recording.num_slots - 30
     whole, halves = (load_recording(tmp_path / name) for name in ("whole", "halves"))
     for one, other in zip(whole.views, halves.views, strict=True):
         np.testing.assert_array_equal(one.slots, other.slots)

@@ -20,7 +20,7 @@ START_S = 3.0
 
 
 @cache
-def doing(kind: str, seed: int, stays_s: float = 6.0, seconds: float = 30.0) -> Floats:
+def doing(kind: str, seed: int, stays_s: float = 6.0, seconds: float = 20.0) -> Floats:
     """Return `(num_slots, 17, 3)` joints of somebody who stands, does something and stands."""
     times_s = np.arange(0, seconds, 0.02)
     rng = np.random.default_rng(seed)

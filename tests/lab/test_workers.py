@@ -70,6 +70,7 @@ def test_impossible_numbers_of_processes_are_refused(jobs: int) -> None:
         Workers(jobs)
 
 
+@pytest.mark.nightly  # the next test has a cluster by its address
 def test_a_dask_cluster_gives_the_same() -> None:
     distributed_here()
     results = [value for value, _ in Workers(2, "local").run(draw, 5.0, range(8))]

@@ -164,7 +164,7 @@ def test_undistortion_reaches_every_pixel_of_the_image(lens: str) -> None:
     st.floats(0.0, 0.97),
     st.booleans(),
 )
-@settings(max_examples=200)
+@settings(max_examples=60)
 def test_any_lens_inverts_up_to_its_fold(
     coefficients: list[float], direction: float, share: float, fisheye: bool
 ) -> None:

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
+from tests.rigs import on_circle, towards
 
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import LANES
@@ -24,7 +25,7 @@ pytestmark = pytest.mark.slow
 SIZE = (1000, 800)
 K = np.array([[700.0, 3.0, 500.0], [0.0, 690.0, 400.0], [0.0, 0.0, 1.0]])
 NUM_JOINTS = 17
-NUM_LENSES = 200
+NUM_LENSES = 60
 LENSES: dict[str, tuple[list[float], bool]] = {
     "none": ([], False),
     "zeros": ([0.0] * 5, False),
@@ -121,7 +122,7 @@ def test_random_lenses_are_inverted_as_in_the_reference() -> None:
         well_seen = on_the_image_plane(seen_by, rng.uniform(0, 0.95, 600), directions)
         assert assert_same(seen_by, well_seen).max() < 1e-9
         kept += len(well_seen)
-    assert lost > 5_000 and kept > 50_000
+    assert lost > 1_500 and kept > 15_000
 
 
 @each_case("lens", [name for name in LENSES if name not in ("none", "enormous", "filmed in part")])
@@ -189,17 +190,11 @@ def mixed_rig(lenses: list[str]) -> Rig:
     for index, lens in enumerate(lenses):
         coefficients, fisheye = LENSES[lens]
         angle = 2.4 * index
-        center = np.array([4 * np.cos(angle), 4 * np.sin(angle), 2.2 + 0.1 * index])
-        away = angle + np.pi + (0.7 if fisheye else 0.0)
-        forward = np.array([np.cos(away), np.sin(away), -0.3])
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        f = 350.0 if fisheye else 700.0
-        K = np.array([[f, 0.0, 500.0], [0.0, f, 400.0], [0.0, 0.0, 1.0]])
+        place = on_circle(4.0, 2.2 + 0.1 * index, angle)
+        aside = np.array(on_circle(1.0, -0.3, angle + np.pi + (0.7 if fisheye else 0.0)))
+        focal = 350.0 if fisheye else 700.0
         cameras.append(
-            Camera.from_world_to_camera(f"c{index}", SIZE, K, R, -R @ center, coefficients, fisheye)
+            towards(f"c{index}", place, place + aside, SIZE, focal, coefficients, fisheye)
         )
     return Rig(tuple(cameras))
 

@@ -190,8 +190,8 @@ def test_situations_turn_with_the_person() -> None:
 @each_case("scene", NEW)
 def test_new_scenes_are_hard_as_they_come(scene: str) -> None:
     assert SCENES[scene].detector.guessing is not None
-    recording = simulate(SceneSettings(scene=scene, seconds=2), 1)
-    again = simulate(SceneSettings(scene=scene, seconds=2), 1)
+    recording = simulate(SceneSettings(scene=scene, seconds=0.8), 1)
+    again = simulate(SceneSettings(scene=scene, seconds=0.8), 1)
     assert recording.detector == "openpose"
     for a, b in zip(recording.views, again.views, strict=True):
         np.testing.assert_array_equal(a.keypoints_px, b.keypoints_px)

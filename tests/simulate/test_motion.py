@@ -16,11 +16,10 @@ from e3pose.simulate.body import Body, Posture, draw_body, joints_of
 pytestmark = pytest.mark.slow
 
 TORSO = {(5, 11), (6, 12)}  # not bones: the spine twists between shoulders and hips
-SEEDS = (1,)
 
 
 @cache
-def truth(scene: str, seed: int, seconds: float = 20.0) -> Floats:
+def truth(scene: str, seed: int, seconds: float = 10.0) -> Floats:
     settings = SceneSettings(
         scene=scene, seconds=seconds, cameras=1, fps=25, detector=DetectorSettings(perfect=True)
     )
@@ -44,9 +43,8 @@ def angle_deg(joints_m: Floats, a: int, b: int, c: int) -> Floats:
 
 
 @each_case("scene", WALKED)
-@each_case("seed", SEEDS)
-def test_bones_keep_their_lengths(scene: str, seed: int) -> None:
-    joints = truth(scene, seed)
+def test_bones_keep_their_lengths(scene: str) -> None:
+    joints = truth(scene, 1)
     for a, b in COCO17.limbs:
         if (a, b) not in TORSO:
             length = np.linalg.norm(joints[:, :, a] - joints[:, :, b], axis=-1)
@@ -63,9 +61,8 @@ def test_bones_differ_between_people_within_human_proportion() -> None:
 
 
 @each_case("scene", WALKED)
-@each_case("seed", SEEDS)
-def test_feet_stay_near_the_floor_and_do_not_slide(scene: str, seed: int) -> None:
-    joints = truth(scene, seed)
+def test_feet_stay_near_the_floor_and_do_not_slide(scene: str) -> None:
+    joints = truth(scene, 1)
     ankles = joints[:, :, 15:17]
     height = ankles[..., 2] - SCENES[scene].floor_m(hips(joints)[..., :2])[..., None]
     assert np.nanmin(height) > 0.05 and np.nanmax(height) < 0.30
@@ -83,9 +80,8 @@ def test_feet_stay_near_the_floor_and_do_not_slide(scene: str, seed: int) -> Non
 
 
 @each_case("scene", WALKED)
-@each_case("seed", SEEDS)
-def test_speeds_are_human(scene: str, seed: int) -> None:
-    joints = truth(scene, seed)
+def test_speeds_are_human(scene: str) -> None:
+    joints = truth(scene, 1)
     speed = np.linalg.norm(np.diff(joints, axis=0), axis=-1) * 25
     assert np.nanmax(speed) < 6.0  # an ankle in swing
     assert np.nanmax(speed[:, :, :7]) < 3.0  # head and shoulders
@@ -96,7 +92,9 @@ def test_speeds_are_human(scene: str, seed: int) -> None:
 
 
 def test_people_walk_at_a_walking_pace() -> None:
-    walking = np.linalg.norm(np.diff(hips(truth("crossing", 1))[..., :2], axis=0), axis=-1) * 25
+    walking = (
+        np.linalg.norm(np.diff(hips(truth("crossing", 1, 20.0))[..., :2], axis=0), axis=-1) * 25
+    )
     assert 0.8 < np.nanpercentile(walking, 60) < 1.5
 
 
@@ -116,7 +114,7 @@ def test_joints_bend_as_joints_do(scene: str) -> None:
 
 
 def test_walking_knees_swing_and_arms_go_against_the_legs() -> None:
-    joints = truth("crossing", 1)
+    joints = truth("crossing", 1, 20.0)
     knee = angle_deg(joints, 11, 13, 15)
     assert 95 < np.nanpercentile(knee, 1) < 130  # about 60 degrees of flexion in swing
     assert np.nanpercentile(knee, 99) > 165
@@ -142,32 +140,31 @@ def test_people_sit_on_seats_and_get_up_again() -> None:
 
 
 @each_case("scene", WALKED)
-@each_case("seed", SEEDS)
-def test_nobody_walks_through_another(scene: str, seed: int) -> None:
-    xy = hips(truth(scene, seed))[..., :2]
+def test_nobody_walks_through_another(scene: str) -> None:
+    xy = hips(truth(scene, 1))[..., :2]
     apart = np.linalg.norm(xy[:, :, None] - xy[:, None], axis=-1)
     apart[:, np.arange(xy.shape[1]), np.arange(xy.shape[1])] = np.inf
     assert np.nanmin(apart) > 0.44
 
 
 def test_paths_cross_closely() -> None:
-    xy = hips(truth("crossing", 1))[..., :2]
+    xy = hips(truth("crossing", 1, 20.0))[..., :2]
     apart = np.linalg.norm(xy[:, :, None] - xy[:, None], axis=-1)
     near = (apart < 0.9) & (apart > 0)
     assert (np.diff(near.astype(int), axis=0) > 0).sum() / 2 > 10  # encounters in a minute
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_nobody_walks_through_a_pillar(seed: int) -> None:
-    xy = hips(truth("pillar", seed))[..., :2]
+def test_nobody_walks_through_a_pillar() -> None:
+    xy = hips(truth("pillar", 1, 20.0))[..., :2]
     for occluder in SCENES["pillar"].occluders:
         gap = np.linalg.norm(occluder.nearest(xy) - xy, axis=-1)
         assert np.nanmin(gap) > 0.12
 
 
 def test_people_leave_and_come_back() -> None:
-    present = np.isfinite(truth("ring", 1, 180.0)).all(axis=(2, 3))
-    assert (np.isfinite(truth("ring", 1, 180.0)).any(axis=(2, 3)) == present).all()
+    known = np.isfinite(truth("ring", 1, 120.0))
+    present = known.all(axis=(2, 3))
+    assert (known.any(axis=(2, 3)) == present).all()
     changes = np.diff(present.astype(int), axis=0)
     assert (changes < 0).sum() >= 2 and (changes > 0).sum() >= 2
     assert present.mean() > 0.6

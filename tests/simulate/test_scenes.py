@@ -25,7 +25,7 @@ PERFECT = DetectorSettings(perfect=True)
 
 
 @cache
-def scene(name: str, seed: int = 1, seconds: float = 40.0) -> Recording:
+def scene(name: str, seed: int = 1, seconds: float = 30.0) -> Recording:
     return simulate(SceneSettings(scene=name, seconds=seconds, fps=10, detector=PERFECT), seed)
 
 
@@ -45,7 +45,7 @@ def cameras_that_see(name: str, recording: Recording) -> NDArray[np.int64]:
 
 
 @each_case("name", ROOMS)
-@each_case("seed", [1, 2, 3])
+@each_case("seed", [1, 2])
 def test_three_or_four_of_eight_to_ten_cameras_see_anybody(name: str, seed: int) -> None:
     recording = scene(name, seed)
     assert 8 <= len(recording.rig) <= 12
@@ -56,8 +56,7 @@ def test_three_or_four_of_eight_to_ten_cameras_see_anybody(name: str, seed: int)
     assert 3 <= np.median(counts) <= 4 and (counts < 0.85 * len(recording.rig)).all()
 
 
-@each_case("name", [*ROOMS, "shaft"])
-@each_case("seed", [1, 2, 3])
+@each_case("name, seed", [("two-rooms", 1), ("two-rooms", 2), ("l-hall", 1), ("shaft", 1)])
 def test_nobody_walks_through_walls(name: str, seed: int) -> None:
     joints = joints_of(scene(name, seed))
     middle = joints[:, :, 11:13, :2].mean(axis=2)
@@ -69,21 +68,21 @@ def test_nobody_walks_through_walls(name: str, seed: int) -> None:
 
 def test_people_change_rooms_by_the_door() -> None:
     crossings = 0
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         middle = joints_of(scene("two-rooms", seed))[:, :, 11:13, :2].mean(axis=2)
         before, after = middle[:-1], middle[1:]
         changed = before[..., 0] * after[..., 0] < 0
         crossings += int(changed.sum())
         y = 0.5 * (before + after)[changed][:, 1]
         assert ((y > 1.0) & (y < 2.4)).all()  # the opening of the wall
-    assert crossings >= 6
+    assert crossings >= 3
 
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_detectors_see_nothing_through_walls(name: str) -> None:
     """With everybody in one place behind a wall, a camera reports nothing but ghosts."""
     quiet = DetectorSettings(ghosts=0)
-    recording = simulate(SceneSettings(scene=name, people=1, seconds=20, fps=10, detector=quiet), 2)
+    recording = simulate(SceneSettings(scene=name, people=1, seconds=12, fps=10, detector=quiet), 2)
     joints = joints_of(recording)[:, 0]
     hidden_slots = 0
     for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
@@ -109,7 +108,7 @@ def test_shelves_and_shafts_hide_people_from_half_of_the_cameras() -> None:
 
 
 def test_glass_makes_one_view_poor() -> None:
-    recording = simulate(SceneSettings(scene="poor-view", seconds=20), 1)
+    recording = simulate(SceneSettings(scene="poor-view", seconds=12), 1)
     people = [len(series.scores) for series in recording.views]
     scores = [np.median(series.scores[series.scores > 0]) for series in recording.views]
     assert int(np.argmin(people)) == 1 and people[1] < 0.85 * np.median(people)
@@ -117,12 +116,12 @@ def test_glass_makes_one_view_poor() -> None:
 
 
 def test_cameras_die_and_batteries_differ() -> None:
-    dying = simulate(SceneSettings(scene="dying-cameras", seconds=10), 1)
+    dying = simulate(SceneSettings(scene="dying-cameras", seconds=10, fps=10), 1)
     assert len(dying.dies_at_s) == 3
     for camera_id, time_s in dying.dies_at_s.items():
         series = dying.views[dying.rig.index(camera_id)]
         assert series.times_s[-1] < time_s <= series.times_s[-1] + 1 / dying.fps + 1e-9
-    unequal = simulate(SceneSettings(scene="unequal-batteries", seconds=10), 1)
+    unequal = simulate(SceneSettings(scene="unequal-batteries", seconds=1), 1)
     assert set(unequal.battery_wh) == set(unequal.rig.camera_ids)
     energy = sorted(unequal.battery_wh.values())
     assert energy[-1] > 1.5 * energy[0] > 0
@@ -177,22 +176,22 @@ def test_ways_lead_around_several_corners() -> None:
     assert [tuple(point) for point in route] == [*turns, (3.5, 1.0)]
 
 
-# By scene, of 4 s and seed 7: poses, and sums of pixels and of scores with weights of chance. The
+# By scene, of 1 s and seed 7: poses, and sums of pixels and of scores with weights of chance. The
 # sums change by more than the tolerance when one keypoint moves by a thousandth of a pixel.
 KNOWN = {
-    "ring": (1493, 18835362.08215, 16161.2816140),
-    "crossing": (1917, 22930489.84399, 19364.1643530),
-    "crowd": (3721, 45582484.11790, 38846.5370941),
-    "meeting": (2427, 29129637.33194, 24644.7733974),
-    "pillar": (1307, 12934575.97658, 10613.6184308),
-    "one-sided": (744, 7877470.57535, 7246.4794137),
-    "poor-view": (1352, 16238500.99529, 13358.0727497),
-    "shaft": (1220, 14309259.53965, 11700.6674988),
-    "two-rooms": (850, 10765426.56072, 9231.7647488),
-    "l-hall": (1320, 13988251.54380, 12887.4696158),
-    "unequal-batteries": (850, 10765426.56072, 9231.7647488),
-    "dying-cameras": (1245, 13277116.75049, 12359.4623795),
-    "slow": (342, 4320312.90930, 3672.9927922),
+    "ring": (368, 4490926.23625, 3865.0381690),
+    "crossing": (492, 6008514.07416, 5180.1100309),
+    "crowd": (906, 11206456.38631, 9555.3548801),
+    "meeting": (609, 7219992.71070, 6163.0868436),
+    "pillar": (337, 3347372.19084, 2854.4095986),
+    "one-sided": (221, 2006085.61270, 2087.1892585),
+    "poor-view": (337, 4007566.64054, 3225.8072451),
+    "shaft": (273, 2948250.86435, 2472.2986386),
+    "two-rooms": (200, 2627821.05612, 2250.0919746),
+    "l-hall": (340, 3831777.57506, 3301.7917911),
+    "unequal-batteries": (200, 2627821.05612, 2250.0919746),
+    "dying-cameras": (293, 3355130.55369, 2829.5586339),
+    "slow": (80, 1058806.06215, 890.0175066),
 }  # fmt: skip
 
 
@@ -207,7 +206,7 @@ def fingerprint(recording: Recording) -> tuple[int, float, float]:
 
 @each_case("scene", KNOWN)
 def test_old_scenes_stay_as_they_are(scene: str) -> None:
-    poses, pixels, scores = fingerprint(simulate(SceneSettings(scene=scene, seconds=4), 7))
+    poses, pixels, scores = fingerprint(simulate(SceneSettings(scene=scene, seconds=1), 7))
     assert poses == KNOWN[scene][0]
     assert pixels == pytest.approx(KNOWN[scene][1], abs=2e-4)
     assert scores == pytest.approx(KNOWN[scene][2], abs=1e-6)

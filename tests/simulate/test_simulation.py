@@ -39,7 +39,7 @@ def behind_walls(scene: str, camera: Camera, joints_m: Floats) -> NDArray[np.boo
 
 @each_case("scene", sorted(SCENES))
 def test_exact_keypoints_are_where_the_truth_projects(scene: str) -> None:
-    recording = simulate(SceneSettings(scene=scene, seconds=0.4, detector=PERFECT), 1)
+    recording = simulate(SceneSettings(scene=scene, seconds=0.2, detector=PERFECT), 1)
     assert recording.truth is not None and recording.truth_complete
     for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
         dies_at = recording.dies_at_s.get(camera.camera_id, np.inf) * recording.fps
@@ -78,7 +78,7 @@ def test_order_of_people_is_shuffled_in_every_view() -> None:
 
 
 def test_seed_reproduces_and_another_differs() -> None:
-    settings = SceneSettings(seconds=6, people=3)
+    settings = SceneSettings(seconds=2, people=3)
     assert same(simulate(settings, 4), simulate(settings, 4))
     assert not same(simulate(settings, 4), simulate(settings, 5))
 
@@ -154,7 +154,7 @@ def test_pillars_hide_people() -> None:
         noise=0, joint_miss=0, self_occluded_miss=0, behind_head_miss=0, person_miss=0, swap=0,
         merge=0, ghosts=0, occluded_miss=1.0,
     )  # fmt: skip
-    settings = SceneSettings(scene="pillar", people=1, seconds=30, detector=clear)
+    settings = SceneSettings(scene="pillar", people=1, seconds=20, fps=12.5, detector=clear)
     recording = simulate(settings, 3)
     assert recording.truth is not None
     joints = recording.truth.joints_m

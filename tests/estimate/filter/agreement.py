@@ -67,7 +67,7 @@ def seen(recording: Recording, cameras: int, seed: int = 0) -> Slots:
     return slots
 
 
-def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 2) -> Recording:
+def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 1.4) -> Recording:
     return simulate(
         SceneSettings(scene=name, people=people, seconds=seconds, cameras=cameras), seed=5
     )

@@ -41,7 +41,10 @@ def test_joints_that_a_predictor_steers_are_known_better() -> None:
     assert factors == [ALONE, STEERED, STEERED]
 
 
-@pytest.mark.parametrize("predictor", ["attention-lstm", "constant-velocity"])
+@pytest.mark.parametrize(
+    "predictor",
+    ["attention-lstm", pytest.param("constant-velocity", marks=pytest.mark.nightly)],
+)
 def test_the_error_stated_is_the_error_made(predictor: str) -> None:
     ratios, within = [], []
     for scene in SCENES:

@@ -53,7 +53,7 @@ def dense(
     return np.asarray(covariance @ b), np.asarray(covariance)
 
 
-@each_case("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+@each_case("skeleton", [s for s in SKELETONS.values() if len(s) < 60], ids=lambda s: s.name)
 def test_solving_the_tree_is_solving_everything_at_once(skeleton: Skeleton) -> None:
     rng = np.random.default_rng(len(skeleton))
     tree, joints = grow(skeleton), len(skeleton)

@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from tests.cases import each_case
 from tests.reference.fuse import ReferenceFuser
 from tests.reference.triangulate import noise_px
+from tests.rigs import on_circle, towards
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.per_slot import triangulate as place
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.slow
 
 Slot = tuple[Floats, Floats, NDArray[np.int64]]
 
-NUM_RIGS = {"without distortion": 60, "with any lenses": 120}
+NUM_RIGS = {"without distortion": 24, "with any lenses": 60}
 AGREE_M = 1e-6
 REACH_M = 100.0  # a joint further away than this is an accident of nearly parallel rays
 
@@ -121,18 +122,11 @@ def test_kernels_equal_the_reference_on_random_rigs(kind: str) -> None:
 def crowd(num_cameras: int, num_persons: int) -> tuple[Rig, Slot]:
     """Equal bodies on a grid in a ring of cameras: every view holds chance matches."""
     rng = np.random.default_rng([num_cameras, num_persons])
-    cameras = []
-    for index in range(num_cameras):
-        angle = 2 * np.pi * index / num_cameras
-        center = np.array([6 * np.cos(angle), 6 * np.sin(angle), rng.uniform(2.0, 2.8)])
-        forward = np.array([0, 0, 0.9]) - center
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        K = np.array([[1050, 0, 515.5], [0, 1050, 387.5], [0, 0, 1.0]])
-        cameras.append(Camera.from_world_to_camera(f"c{index}", (1032, 776), K, R, -R @ center))
-    rig = Rig(tuple(cameras))
+    angles = np.linspace(0, 2 * np.pi, num_cameras, endpoint=False)
+    places = [on_circle(6.0, rng.uniform(2.0, 2.8), angle) for angle in angles]
+    rig = Rig(tuple(
+        towards(f"c{n}", place, (0, 0, 0.9), (1032, 776), 1050) for n, place in enumerate(places)
+    ))  # fmt: skip
     body = rng.uniform((-0.2, -0.2, 0.1), (0.2, 0.2, 1.7), (17, 3))
     spots = np.stack(np.meshgrid(np.arange(4), np.arange(4), [0.0]), axis=-1).reshape(-1, 3)
     joints = body[None] + (spots[rng.permutation(16)[:num_persons], None] - (1.5, 1.5, 0)) * 0.8
@@ -144,7 +138,7 @@ def crowd(num_cameras: int, num_persons: int) -> tuple[Rig, Slot]:
     return rig, (keypoints, scores, np.full(num_cameras, num_persons))
 
 
-@each_case(("num_cameras", "num_persons"), [(5, 16), (12, 8), (28, 8), (70, 4)])
+@each_case(("num_cameras", "num_persons"), [(5, 16), (12, 8), (28, 4)])
 def test_crowds_are_not_split(num_cameras: int, num_persons: int) -> None:
     rig, arrays = crowd(num_cameras, num_persons)
     fast = Fuser(rig, 17).fuse_arrays(*arrays)
@@ -154,7 +148,7 @@ def test_crowds_are_not_split(num_cameras: int, num_persons: int) -> None:
     assert_agree(fast, ReferenceFuser(rig, 17).fuse_arrays(*arrays))
 
 
-@settings(max_examples=200)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 2**32 - 1), smallest=st.sampled_from([0.0, 1e-9, 1e-3, 0.5, 0.95]))
 def test_null_vector_is_the_smallest_eigenvector(seed: int, smallest: float) -> None:
     rng = np.random.default_rng(seed)
@@ -198,7 +192,7 @@ def test_fusers_of_several_threads_do_not_disturb_each_other() -> None:
 
     def work() -> None:
         fuser = Fuser(rig, 17)
-        for _ in range(100):
+        for _ in range(30):
             if not np.array_equal(fuser.fuse_arrays(*arrays).people.joints_m, expected):
                 wrong.append(1)
 
@@ -245,7 +239,7 @@ def expected(costs: Floats) -> list[int]:
 sizes = st.integers(1, ROOM)
 
 
-@settings(max_examples=300)
+@settings(max_examples=80)
 @given(
     rows=sizes, columns=sizes, seed=st.integers(0, 2**32 - 1), gate=st.sampled_from([0.2, 0.6, 9])
 )
@@ -255,7 +249,7 @@ def test_assigns_as_scipy_does(rows: int, columns: int, seed: int, gate: float) 
     assert assigned(costs) == expected(costs)
 
 
-@settings(max_examples=300)
+@settings(max_examples=80)
 @given(rows=sizes, columns=sizes, seed=st.integers(0, 2**32 - 1))
 def test_equal_costs_still_give_the_least_total(rows: int, columns: int, seed: int) -> None:
     costs = np.random.default_rng(seed).integers(0, 3, (rows, columns)).astype(np.float64)

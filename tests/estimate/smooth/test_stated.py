@@ -33,7 +33,7 @@ def coverage(errors: str, cameras: int) -> tuple[float, ...]:
     """Return the percentage of joints in the 90 % radius: at once, 80 ms later, by all slots."""
     guessing = Guessing() if errors == "situation" else None
     detector = DetectorSettings(guessing=guessing)
-    settings = SceneSettings("pillar", seconds=16, fps=12.5, detector=detector)
+    settings = SceneSettings("pillar", seconds=13, fps=12.5, detector=detector)
     recording = simulate(settings, seed=703)
     people: list[Estimate] = []
     asked = ReplaySettings(num_selected=cameras, phase=1, seed=1)

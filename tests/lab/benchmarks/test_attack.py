@@ -19,9 +19,9 @@ pytestmark = pytest.mark.slow
 
 
 def test_decoders_raise_nothing_but_input_errors() -> None:
-    result = attack_inputs.fuzz(seconds=60.0, decodes=20_000, seed=3)
+    result = attack_inputs.fuzz(seconds=60.0, decodes=6_000, seed=3)
     assert result.held, result.figures
-    assert result.figures.startswith("20")  # thousand and a few, of all kinds
+    assert result.figures.startswith("6")  # thousand and a few, of all kinds
 
 
 def test_an_attack_that_gets_through_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,18 +34,16 @@ def test_an_attack_that_gets_through_is_reported(monkeypatch: pytest.MonkeyPatch
 
 
 def test_damaged_files_end_in_one_line() -> None:
-    result = attack_inputs.hostile_files(seconds=4.0, seed=3, kinds=())
+    result = attack_inputs.hostile_files(seconds=1.0, seed=3, kinds=())
     assert result.held, result.figures
 
 
 def test_hostile_tables_and_videos_end_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     for known in (hostile_tables.TABLES, hostile_videos.VIDEOS):
-        for name in list(known)[1::4]:  # make attack tries them all
-            monkeypatch.delitem(known, name)
-        for name in list(known)[1::2]:
+        for name in {*known} - {*list(known)[::8]}:  # make attack tries them all
             monkeypatch.delitem(known, name)
     trials = list(hostile_inputs.try_all(init=False))
-    assert len(trials) > 70
+    assert len(trials) > 20
     assert not "\n".join(str(trial) for trial in trials if not trial.held)
     assert {trial.code for trial in trials} == {0, 2}
 

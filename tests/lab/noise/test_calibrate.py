@@ -37,13 +37,13 @@ KNOTS, SIGMA_PX = np.array([0.1, 0.4, 0.7, 1.0]), np.array([14.0, 9.0, 5.0, 2.5]
 
 
 @functools.cache
-def known_noise(cameras: int = 5, seed: int = 1) -> Recording:
+def known_noise(cameras: int = 5, seconds: float = 6.0, seed: int = 1) -> Recording:
     """Return people of whom each keypoint has a random score, and the error of that score.
 
     The errors last as those of real detectors do.
     """
     detector = DetectorSettings(perfect=True)
-    settings = SceneSettings(people=3, seconds=8.0, cameras=cameras, detector=detector)
+    settings = SceneSettings(people=3, seconds=seconds, cameras=cameras, detector=detector)
     recording = simulate(settings, seed=seed)
     assert recording.truth is not None
     truth_m, interval_s = recording.truth.joints_m, recording.interval_s
@@ -86,12 +86,12 @@ def test_known_noise_is_recovered(cameras: int, tolerance: float) -> None:
 
 
 def test_seconds_cut_a_recording_of_which_a_part_is_scored() -> None:
-    recording = replace(known_noise(), scored_slots=(100, 200))
+    recording = replace(known_noise(), scored_slots=(60, 140))
     assert calibrate_noise(recording, seconds=2.0).slots == 50
 
 
 def test_a_shifted_camera_is_named_and_can_be_taken_out() -> None:
-    recording = known_noise(4)
+    recording = known_noise(4, 8.0)
     shift = np.array([30.0, 10.0])
     views = list(recording.views)
     views[1] = replace(views[1], keypoints_px=views[1].keypoints_px + shift)
@@ -105,7 +105,7 @@ def test_a_shifted_camera_is_named_and_can_be_taken_out() -> None:
 
 def test_exact_detections_have_hardly_any_noise() -> None:
     detector = DetectorSettings(perfect=True)
-    recording = simulate(SceneSettings(people=2, seconds=4.0, detector=detector), seed=2)
+    recording = simulate(SceneSettings(people=2, seconds=2.0, detector=detector), seed=2)
     assert calibrate_noise(recording).noise.sigma_px.max() < 1.5
 
 

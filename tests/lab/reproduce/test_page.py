@@ -88,32 +88,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_item_that_fails_or_lacks_a_library_is_left_out_with_the_reason(tmp_path: Path) -> None:
-    outcome = reproduce(tmp_path, Sources(), Workers(1), items=(HERE, ABSENT, BROKEN))
+def test_what_fails_or_is_lacking_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    def fails_to_show(scale: Scale, made: Made) -> Section:
+        raise ZeroDivisionError("no slots")
+
+    (tmp_path / "data" / "shelf").mkdir(parents=True)
+    (tmp_path / "data" / "shelf" / "shelf.npz").write_bytes(b"PK" + bytes(100))
+    sources = load_sources(tmp_path / "data")
+    unshown = Item("unshown", "Unshown", "", lambda scale: [], fails_to_show)
+    items = (unshown, HERE, ABSENT, BROKEN, AWAY)
+    outcome = reproduce(tmp_path / "out", sources, Workers(1), items=items)
     assert outcome.failed and len(outcome.headlines) == 3
     page = outcome.page.read_text()
     assert "Skipped: no_such_library is not installed: pip install" in page
     assert "Skipped: test_page-fails: RuntimeError: &lt;nothing&gt; works" in page
-    assert (tmp_path / "figures" / "lines.svg").exists()
-
-
-def test_item_whose_section_fails_is_left_out_with_the_reason(tmp_path: Path) -> None:
-    def fails_to_show(scale: Scale, made: Made) -> Section:
-        raise ZeroDivisionError("no slots")
-
-    item = Item("unshown", "Unshown", "", lambda scale: [], fails_to_show)
-    outcome = reproduce(tmp_path, Sources(), Workers(1), items=(item, HERE))
-    assert outcome.failed and len(outcome.headlines) == 3
-    assert "Skipped: unshown: ZeroDivisionError: no slots" in outcome.page.read_text()
-
-
-def test_data_that_cannot_be_read_cost_their_items_alone(tmp_path: Path) -> None:
-    (tmp_path / "data" / "shelf").mkdir(parents=True)
-    (tmp_path / "data" / "shelf" / "shelf.npz").write_bytes(b"PK" + bytes(100))
-    sources = load_sources(tmp_path / "data")
-    outcome = reproduce(tmp_path / "out", sources, Workers(1), items=(HERE, AWAY))
-    assert outcome.failed and len(outcome.headlines) == 3
-    assert "shelf.npz: found no .npz archive" in outcome.page.read_text()
+    assert "Skipped: unshown: ZeroDivisionError: no slots" in page
+    assert "shelf.npz: found no .npz archive" in page
+    assert (tmp_path / "out" / "figures" / "lines.svg").exists()
 
 
 def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:

@@ -145,6 +145,7 @@ def end(started: list[subprocess.Popen[bytes]]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly  # tests/lab/test_workers.py has a cluster by day
 def test_a_scheduler_and_two_workers_give_the_same(tmp_path: Path, scheduler: str) -> None:
     asked = Asked("ring", "e3pose", seconds=2.0, fps=12.5)
     wanted = over_seeds(asked, 3)
@@ -160,6 +161,7 @@ def test_a_scheduler_and_two_workers_give_the_same(tmp_path: Path, scheduler: st
 
 
 @pytest.mark.slow
+@pytest.mark.nightly  # tests/lab/test_workers.py has a cluster by day
 def test_workers_of_a_scheduler_do_the_work(tmp_path: Path, scheduler: str) -> None:
     found = answers(Results(tmp_path / "kept", Sources()), 6, Workers(1, scheduler))
     assert [found[number].square for number in range(6)] == [n**2 for n in range(6)]

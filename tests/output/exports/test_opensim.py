@@ -155,7 +155,7 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.network
-@pytest.mark.slow
+@pytest.mark.nightly  # installs OpenSim
 @pytest.mark.parametrize("names", ["pose2sim", "opencap"])
 def test_opensim_scales_a_model_and_finds_the_walk(
     packages: Path, tmp_path: Path, names: str

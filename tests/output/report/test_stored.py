@@ -42,6 +42,7 @@ pytestmark = pytest.mark.slow
 
 BEGIN_NS = 1_800_000_000 * 10**9  # 2027-01-15 08:00 UTC
 FPS = 10.0
+SCENE = SceneSettings(people=2, seconds=4, fps=FPS, cameras=3, image_size=(640, 480))
 SITE = """format = "e3pose-site"
 version = 1
 name = "lab"
@@ -56,7 +57,7 @@ path = "live.db"
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A site that stored forty slots of two people, and thirty of another run before."""
     folder = tmp_path_factory.mktemp("lab")
-    recording = simulate(SceneSettings(people=2, seconds=4, fps=FPS, cameras=3), seed=702)
+    recording = simulate(SCENE, seed=702)
     (folder / "site.toml").write_text(SITE)
     save_rig(recording.rig, folder / "rig.toml")
     for began_ns, slots in ((BEGIN_NS - 3600 * 10**9, 30), (BEGIN_NS, 40)):
@@ -102,7 +103,7 @@ def test_page_shows_the_newest_run(site: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_page_of_a_store_shows_its_blind_slots(site: Path, tmp_path: Path) -> None:
-    recording = simulate(SceneSettings(people=2, seconds=4, fps=FPS, cameras=3), seed=702)
+    recording = simulate(SCENE, seed=702)
     for name in ("site.toml", "rig.toml"):
         (tmp_path / name).write_text((site / name).read_text())
     store(tmp_path / "live.db", recording, BEGIN_NS, 40, {12: "orders-late", 13: "views-late"})
@@ -231,7 +232,7 @@ def shade(coded: str) -> float:
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("filmed") / "walk"
-    asks = ("--people", 1, "--cameras", 2, "--seconds", 2, "--videos")
+    asks = ("--people", 1, "--cameras", 2, "--seconds", 2, "--resolution", "640x480", "--videos")
     assert verb("simulate", folder, *asks) == 0
     return folder
 

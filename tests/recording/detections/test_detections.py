@@ -680,7 +680,7 @@ def test_odd_tables_and_arrays_are_read_or_named(tmp_path: Path, form: str) -> N
     content, rng = source.read_bytes(), np.random.default_rng(len(form))
     calibration = rig_of(tmp_path, "cam1") if form != "caliscope" else rig_of(tmp_path, "a1", "b2")
     read = 0
-    for _ in range(60):
+    for _ in range(24):
         changed = content
         for _ in range(int(rng.integers(1, 3))):
             changed = mutated_bytes(changed, rng) or b" "
@@ -713,7 +713,7 @@ def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) ->
     name = "cam1.json" if form in ("alphapose", "named") else "cam1/4.json"
     source = tmp_path / ("all.json" if one else "in")
     read = 0
-    for _ in range(60):
+    for _ in range(24):
         changed = content
         for _ in range(int(rng.integers(1, 4))):
             changed = mutated(changed, rng)
