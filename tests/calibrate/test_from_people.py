@@ -56,6 +56,7 @@ def two() -> Recording:
     return walk(731, people=2, fps=5.0)
 
 
+@pytest.mark.nightly  # tests/cli/test_calibrating_rigs.py finds one of half as many views
 def test_rig_and_focal_lengths_are_found_from_nothing(two: Recording) -> None:
     found = from_people(without_calibration(two), NOISE, None, KnownLength(), quiet)
     degrees, millimetres, scale = distances(found.rig, two.rig)

@@ -17,6 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tests.cli.commands import run
 
 from e3pose.energy.profiles import load_profile, modes_of
 
@@ -148,7 +149,7 @@ def test_watts_of_a_display_are_typed(tmp_path: Path) -> None:
 
 
 def test_without_a_terminal_nothing_is_asked_and_nonsense_is_refused_by_its_name(
-    tmp_path: Path, plug: Plug
+    tmp_path: Path, plug: Plug, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words, out = film(tmp_path), tmp_path / "board.toml"
     usual = ("--meter", plug.name, "--seconds", "1", "--wakes", "1", "--yes")
@@ -159,12 +160,10 @@ def test_without_a_terminal_nothing_is_asked_and_nonsense_is_refused_by_its_name
         (5.0, ("--seconds", "0"), "--seconds"),
     ):
         plug.watts = watts
-        done = subprocess.run(
-            [*MEASURE, *words, *more], stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            timeout=60, check=False,
-        )  # fmt: skip
-        assert done.returncode == 2 and said in done.stderr.splitlines()[-1], (said, done)
-        assert "Press Enter" not in done.stdout and not STEP.search(done.stdout)
+        assert run("power", "measure", *words, *more) == 2
+        shown, err = capsys.readouterr()
+        assert said in err.splitlines()[-1], err
+        assert "Press Enter" not in shown and not STEP.search(shown)
     assert not out.exists()
 
 

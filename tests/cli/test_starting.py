@@ -13,7 +13,8 @@ from tests.cli.commands import run
 from tests.detectors.test_chooser import NAPPER
 from tests.rigs import looking
 
-from e3pose.detectors.timing import DetectionTimes
+from e3pose.detectors import make_detector
+from e3pose.detectors.timing import DetectionTimes, Workload
 from e3pose.output.report.overlay import write_movie
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import load_site
@@ -21,8 +22,9 @@ from e3pose.settings.site_file import load_site
 pytestmark = pytest.mark.slow
 
 
-def measured(workloads: Sequence[object]) -> DetectionTimes:
+def measured(workloads: Sequence[Workload]) -> DetectionTimes:
     """A detection takes 0.3 s here; to measure it takes a process for each camera."""
+    make_detector(workloads[0].detector)
     return DetectionTimes(np.full(len(workloads), 0.3), np.full(len(workloads), 0.3))
 
 
@@ -32,7 +34,7 @@ def films(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("e3pose.cli.starting.find_devices", dict)
-    monkeypatch.setattr("e3pose.site.detector_speed.time_detections", measured)
+    monkeypatch.setattr("e3pose.cli.starting.time_detections", measured)
     (tmp_path / "napper.py").write_text(NAPPER)
     for number in range(4):
         level = 0 if number == 3 else 128

@@ -49,7 +49,9 @@ def test_a_state_is_said_once_when_it_has_settled() -> None:
 
 
 def test_nobody_seen_says_what_to_do() -> None:
-    empty = (replace(slot, people=slot.people[:0]) for slot in seen(doing("squat", 0, seconds=24.0)))
+    empty = (
+        replace(slot, people=slot.people[:0]) for slot in seen(doing("squat", 0, seconds=24.0))
+    )
     trial, said = tried(empty)
     assert account(trial, EventsTable()) == NOBODY_SEEN and not said
     assert trial.time_ns - trial.begun_ns > 20e9
