@@ -51,16 +51,16 @@ def test_stall_of_the_edge_does_not_move_the_lead(rate: float, long_s: float) ->
 
 @RATES
 def test_stall_of_the_edge_each_minute_does_not_move_the_lead(rate: float) -> None:
-    found = run(rate, seconds=600, stalls=tuple((60.0 * k, 60.0 * k + 2) for k in range(1, 10)))
+    found = run(rate, seconds=300, stalls=tuple((60.0 * k, 60.0 * k + 2) for k in range(1, 5)))
     assert found.changes(BACK_S) == 0 and found.leads[-1] == need(rate)
-    assert found.late_share() <= 9 * 2 / 600 + 1e-3  # those of the stalls themselves
+    assert found.late_share() <= 4 * 2 / 300 + 1e-3  # those of the stalls themselves
 
 
 @RATES
 def test_short_pauses_of_the_links_do_not_move_the_lead(rate: float) -> None:
-    found = run(rate, seconds=600, pauses=tuple((60.0 * k, 60.0 * k + 1) for k in range(1, 10)))
+    found = run(rate, seconds=300, pauses=tuple((60.0 * k, 60.0 * k + 1) for k in range(1, 5)))
     assert found.changes(BACK_S) == 0 and found.leads[-1] == need(rate)
-    assert found.late_share() <= 9 * 1 / 600 + 1e-3
+    assert found.late_share() <= 4 * 1 / 300 + 1e-3
 
 
 @RATES
@@ -86,15 +86,15 @@ def test_links_that_vary_do_not_make_the_lead_oscillate(
     rate: float, spread: float, seed: int
 ) -> None:
     links = tuple(wireless(seed + camera, spread=spread) for camera in range(3))
-    found = run(rate, *links, seconds=1200)
-    assert found.changes(600) <= 10  # one per minute
+    found = run(rate, *links, seconds=900)
+    assert found.changes(300) <= 10  # one per minute
     assert found.late_share() <= 0.02
 
 
 @RATES
 def test_one_link_of_two_that_varies(rate: float) -> None:
-    found = run(rate, steady(DELAY_S), wireless(3), seconds=1200)
-    assert found.changes(600) <= 5
+    found = run(rate, steady(DELAY_S), wireless(3), seconds=600)
+    assert found.changes(300) <= 3
     assert found.late[:, 0].sum() == 0 and found.late[:, 1].mean() <= 0.02
 
 

@@ -93,7 +93,7 @@ def test_status_is_made_while_events_are_reported(tmp_path: Path) -> None:
 
         def look(_: int) -> None:
             try:
-                for _ in range(200):
+                for _ in range(80):
                     edge.status()
             finally:
                 over.set()

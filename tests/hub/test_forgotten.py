@@ -113,16 +113,19 @@ def test_hub_that_comes_later_hears_of_it_too_and_misses_nothing(tmp_path: Path)
     assert len(read_forgotten(str(tmp_path / "hub.db"))) == 1
 
 
-def test_many_deletions_come_in_parts_and_each_once(tmp_path: Path) -> None:
+def test_many_deletions_come_in_parts_and_each_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("e3pose.store.outbox.MOST_FORGOTTEN", 10)
     store = tmp_path / "lab.db"
     fill(store, "lab", FIRST, 3)
-    for track in range(250):
+    for track in range(25):
         forget(store, Forgotten("lab", MINUTE, MINUTE, MINUTE, track))
     fill(store, "lab", FIRST + 3, 3)
     engine = open_hub(str(tmp_path / "hub.db"))
     assert fetch(engine, store) == 6
     found = read_forgotten(str(tmp_path / "hub.db"))
-    assert sorted(one.track_id or 0 for one in found) == [*range(250)]
+    assert sorted(one.track_id or 0 for one in found) == [*range(25)]
     with engine.connect() as connection:
         assert cursor_of(connection, "lab").lost == 0
 

@@ -150,7 +150,7 @@ def test_copy_has_a_cursor_of_its_own(tmp_path: Path) -> None:
 
 def test_minutes_of_programs_that_are_killed_are_as_long_as_these_ran(tmp_path: Path) -> None:
     """In hours of crashes nothing is summed up twice or lost, and no time while nothing ran."""
-    rng, wall, slot, lives = np.random.default_rng(4), Wall(MINUTE), count(), 15
+    rng, wall, slot, lives = np.random.default_rng(4), Wall(MINUTE), count(), 6
     path, ran_s = tmp_path / "hall.db", 0
     for life in range(lives):
         wall.now_ns += round(rng.uniform(70, 400)) * NS

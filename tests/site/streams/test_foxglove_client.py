@@ -13,7 +13,7 @@ from tests.site.streams.test_streams import SOURCE, TIME_NS, slot
 
 from e3pose.site.streams import open_stream
 
-pytestmark = [pytest.mark.network, pytest.mark.slow]
+pytestmark = [pytest.mark.network, pytest.mark.nightly]  # npm fetches it
 
 CLIENT = ["@foxglove/ws-protocol@0.8.0", "ws@8"]
 SCRIPT = """
