@@ -434,13 +434,14 @@ def with_offsets(recording: Recording, offsets_s: Floats) -> Recording:
         rows = [np.arange(series.starts[i], series.starts[i + 1]) for i in keep.tolist()]
         counts = [len(row) for row in rows]
         every = np.concatenate([*rows, np.zeros(0, dtype=np.int64)]).astype(np.int64)
+        whole = len(every) == len(series.scores)
+        poses = [p if whole else p[every] for p in (series.keypoints_px, series.scores)]
         views.append(
             ViewSeries(
                 slots[keep],
                 times[keep],
                 np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-                series.keypoints_px[every],
-                series.scores[every],
+                *poses,
             )
         )
     last = max((int(view.slots[-1]) for view in views if len(view.slots)), default=-1)

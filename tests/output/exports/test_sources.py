@@ -53,6 +53,16 @@ def test_a_table_of_replay_gives_the_take_back(tmp_path: Path, ending: str) -> N
         np.testing.assert_allclose(motion.sigma_m, np.where(wanted.known, 0.012, np.nan), atol=1e-5)
 
 
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_table_with_dates_gives_the_take_back(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"poses.{ending}"
+    list(export(TAKE, path, ending))
+    found = take_from_table(path, Asked(tracks=(7,)))
+    (motion,), wanted = found.motions, TAKE.motions[1]
+    assert (found.started_ns, motion.first) == (STARTED_NS, wanted.first)
+    np.testing.assert_allclose(motion.joints_m, wanted.joints_m, atol=1e-5)
+
+
 def test_a_store_gives_the_take_back(store: Path) -> None:
     found = take_from_store(str(store), Asked())
     assert found.name == "a run" and found.started_ns == STARTED_NS

@@ -246,7 +246,8 @@ def _parquet(path: Path) -> Take | Parts:
         if is_wide(schema.metadata):
             return read_wide(path, file, MAX_ROWS)
         _check(path, schema.names, file.metadata.num_rows)
-        used = [column for column in schema if column.name in USED]
+        unused = {"time"} if "time_ns" in schema.names else set()  # dates
+        used = [column for column in schema if column.name in USED - unused]
         for column in used:
             found = str(column.type)
             if found.startswith(NUMBERS) is (column.name == "joint"):
