@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import threading
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +20,7 @@ from tests.cli.one_person import one_person
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
+from e3pose.cli import replaying
 from e3pose.evaluate.figures import HeldOut, HeldOutCamera
 from e3pose.evaluate.held_out import SURE_SCORE, doubts_of, joined, judge, turns
 from e3pose.model.people import People
@@ -285,3 +288,23 @@ def test_what_nobody_should_trust_is_said(
     said = doubts_of(HeldOut(each, mean) if mm else None, cameras)
     assert len(said) == len(doubts)
     assert all(one.startswith(begin) for one, begin in zip(said, doubts, strict=True))
+
+
+def test_a_replay_that_fails_ends_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = threading.Event()
+
+    class Endless:
+        source, read_view, slots = SCENE, None, itertools.repeat(records(truth())[0])
+
+        def records(self, slots: Iterable[Any], step: Any) -> list[Any]:
+            begun.set()
+            return [step(record) for record in slots]
+
+    class Broken(Endless):
+        def records(self, slots: Iterable[Any], step: Any) -> list[Any]:
+            begun.wait()
+            raise InputError("slot", "nothing", "a view")
+
+    monkeypatch.setattr(replaying, "num_cores", lambda: 2)
+    with pytest.raises(InputError, match="slot: found nothing"):
+        replaying._judged([(Broken(), only("c0")), (Endless(), only("c1"))])  # type: ignore[list-item]
