@@ -1,7 +1,7 @@
 """How long `e3pose reconstruct` takes beside the network alone, on the same frames, and its memory.
 
     python lab/benchmarks/reconstruct_speed.py CALIBRATION FILM...
-    python lab/benchmarks/reconstruct_speed.py --memory [SLOTS SLOTS]
+    python lab/benchmarks/reconstruct_speed.py --memory [SLOTS SLOTS [STEP...]]
 
 Each runs in a process of its own, one after the other: the whole; the network with frames that are
 decoded beforehand, one look at a time on all cores; and as many looks at a time as there are cores.
@@ -99,14 +99,16 @@ def made_up(folder: Path, num_slots: int) -> None:
     (folder / "drawn_people.py").write_text(THREE)
 
 
-def memory(lengths: tuple[int, int]) -> None:
+def memory(few: str = "4000", many: str = "12000", *names: str) -> None:
     """Measure each step, and print JSON."""
-    found: dict[str, list[float]] = {name: [] for name in STEPS}
+    lengths = int(few), int(many)
+    steps = {name: step for name, step in STEPS.items() if name in (names or STEPS)}
+    found: dict[str, list[float]] = {name: [] for name in steps}
     for num_slots in lengths:
         with tempfile.TemporaryDirectory() as made:
             folder = Path(made)
             made_up(folder, num_slots)
-            for name, step in STEPS.items():
+            for name, step in steps.items():
                 words = step.replace("@", f"{folder}/").split()
                 found[name].append(_e3pose(words, folder))
     for name, mb in found.items():
@@ -156,6 +158,6 @@ def main(calibration: str, *films: str) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--memory"]:
-        memory((*map(int, sys.argv[2:4]),) if sys.argv[2:] else (2000, 6000))  # type: ignore[arg-type]
+        memory(*sys.argv[2:])
     else:
         main(*sys.argv[1:])
