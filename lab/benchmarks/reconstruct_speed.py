@@ -53,11 +53,11 @@ print(spent_s, frames)
 HOUR = 108_000  # slots, 30 per second
 STEPS = {  # of `reconstruct`; @ is the folder of the recording
     "detect": "detect a=@F.mp4 b=@F.mp4 c=@F.mp4 d=@F.mp4 @found --model drawn_people:Three",
-    "calibrate": "calibrate extrinsics @R @rig.toml --height 171cm --force",
     "poses": "replay @R --cameras all --smooth rts --hold-out each --poses @p.parquet "
     "--report @r.html --json @f.json",
     **{form: f"export @p.parquet @p.{form}" for form in ("trc", "mot", "glb", "c3d")},
     "angles": "export @p.parquet @angles.csv --angles",
+    "calibrate": "calibrate extrinsics @R @rig.toml --height 171cm --force",  # of two minutes
 }
 THREE = """
 import numpy as np
@@ -101,21 +101,19 @@ def made_up(folder: Path, num_slots: int) -> None:
 
 def memory(few: str = "4000", many: str = "12000", *names: str) -> None:
     """Measure each step, and print JSON."""
-    lengths = int(few), int(many)
-    steps = {name: step for name, step in STEPS.items() if name in (names or STEPS)}
-    found: dict[str, list[float]] = {name: [] for name in steps}
-    for num_slots in lengths:
-        with tempfile.TemporaryDirectory() as made:
-            folder = Path(made)
-            made_up(folder, num_slots)
-            for name, step in steps.items():
-                words = step.replace("@", f"{folder}/").split()
-                found[name].append(_e3pose(words, folder))
-    for name, mb in found.items():
-        slope = (mb[1] - mb[0]) / (lengths[1] - lengths[0])
-        hour = round(mb[1] + slope * (HOUR - lengths[1]))
-        said = {"step": name, "mb": [*map(round, mb)], "kb_a_slot": round(1e3 * slope, 1)}
-        print(json.dumps({**said, "mb_of_an_hour": hour}))
+    more = int(many) - int(few)
+    with tempfile.TemporaryDirectory() as made:
+        folders = [Path(made) / number for number in (few, many)]
+        for folder, number in zip(folders, (few, many), strict=True):
+            made_up(folder, int(number))
+        for name, step in STEPS.items():
+            if names and name not in names:
+                continue
+            mb = [_e3pose(step.replace("@", f"{each}/").split(), each) for each in folders]
+            slope = (mb[1] - mb[0]) / more
+            said = {"step": name, "mb": [*map(round, mb)], "kb_a_slot": round(1e3 * slope, 1)}
+            hour = round(mb[1] + slope * (HOUR - int(many)))
+            print(json.dumps({**said, "mb_of_an_hour": hour}), flush=True)
 
 
 def _e3pose(words: list[str], path: Path | None = None) -> float:
