@@ -65,12 +65,8 @@ def _read(path: Path, rig: Rig) -> tuple[Floats, list[str] | None]:
     """Return `(num_cameras, num_times, num_points, 2)` pixels, and what the points are called."""
     if path.suffix.lower() == ".npz":
         return _from_npz(path, rig), None
-    if path.suffix.lower() == ".csv":
-        return _from_csv(path, rig)
-    raise InputError(f"{path}: found {path.suffix or 'no suffix'}, expected .csv or .npz")
-
-
-def _from_csv(path: Path, rig: Rig) -> tuple[Floats, list[str]]:
+    if path.suffix.lower() != ".csv":
+        raise InputError(f"{path}: found {path.suffix or 'no suffix'}, expected .csv or .npz")
     try:
         text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:

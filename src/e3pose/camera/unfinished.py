@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,11 +13,11 @@ from e3pose.base.atomic import write_file
 from e3pose.base.bounded import UNDECODABLE, read_bytes
 from e3pose.base.errors import InputError
 from e3pose.recording import decode_view
+from e3pose.recording.json_lines import cut_torn
 
 STATE = "unfinished.json"
 LOCK = "lock"  # of earlier versions
 MAX_STATE_BYTES = 2**20
-TAIL_BYTES = 2**16
 
 
 class State(msgspec.Struct, forbid_unknown_fields=True):
@@ -68,9 +67,7 @@ class Unfinished:
         path = self.path(camera_id)
         if not path.is_file():
             return -1
-        with path.open("r+b") as file:
-            file.truncate(_whole(path))
-        line = _last_line(path)
+        _, line = cut_torn(path)
         return decode_view(line, num_joints, f"{path}: last line")[0] if line else -1
 
     def remove(self) -> None:
@@ -110,30 +107,3 @@ class Unfinished:
         write_file(
             self.folder / STATE, msgspec.json.format(msgspec.json.encode(self._state), indent=2)
         )
-
-
-def _whole(path: Path) -> int:
-    """Return the size of the file up to and including its last newline."""
-    with path.open("rb") as file:
-        end = file.seek(0, os.SEEK_END)
-        while end > 0:
-            begin = max(0, end - TAIL_BYTES)
-            file.seek(begin)
-            newline = file.read(end - begin).rfind(b"\n")
-            if newline >= 0:
-                return begin + newline + 1
-            end = begin
-    return 0
-
-
-def _last_line(path: Path) -> bytes:
-    """Return the last line of a file that ends in a newline."""
-    with path.open("rb") as file:
-        end = file.seek(0, os.SEEK_END) - 1
-        tail = b""
-        begin = end
-        while begin > 0 and b"\n" not in tail:
-            begin = max(0, begin - TAIL_BYTES)
-            file.seek(begin)
-            tail = file.read(end - begin)
-    return tail.rpartition(b"\n")[2]

@@ -135,22 +135,20 @@ def check_external_data(path: Path) -> None:
         except (IndexError, RecursionError):
             return  # no such file: ONNX Runtime says what is wrong with it
     for location in named:
-        _check_location(path, location)
-
-
-def _check_location(path: Path, location: str) -> None:
-    name = repr(location[:80])
-    parts = PurePosixPath(location).parts + PureWindowsPath(location).parts
-    absolute = PurePosixPath(location).is_absolute() or PureWindowsPath(location).is_absolute()
-    folder = path.parent.resolve()
-    if absolute or ".." in parts or "\0" in location:
-        inside = False
-    else:
-        inside = (folder / location).resolve().is_relative_to(folder)
-    if not inside:
-        raise InputError(f"{path}: weights: found the file {name}, expected one in its folder")
-    if not (folder / location).is_file():
-        raise InputError(f"{path}: weights: found no file {name} beside it, expected its weights")
+        name = repr(location[:80])
+        parts = PurePosixPath(location).parts + PureWindowsPath(location).parts
+        absolute = PurePosixPath(location).is_absolute() or PureWindowsPath(location).is_absolute()
+        folder = path.parent.resolve()
+        if absolute or ".." in parts or "\0" in location:
+            inside = False
+        else:
+            inside = (folder / location).resolve().is_relative_to(folder)
+        if not inside:
+            raise InputError(f"{path}: weights: found the file {name}, expected one in its folder")
+        if not (folder / location).is_file():
+            raise InputError(
+                f"{path}: weights: found no file {name} beside it, expected its weights"
+            )
 
 
 def _locations(content: mmap.mmap, begin: int, end: int, kind: str, depth: int) -> Iterator[str]:

@@ -97,7 +97,12 @@ class Counts:
         self.stepping.add(took_ns)
         if record.blind:
             self.blind = {**self.blind, record.blind: self.blind.get(record.blind, 0) + 1}
-        self.add_selection(record.selected, blind=bool(record.blind))
+        blind = bool(record.blind)
+        counted = np.append(record.selected & (not blind), blind).astype(np.int64)
+        self._minute.append(counted)
+        if len(self._minute) > max(1, round(MINUTE_S / self.interval_s)):
+            counted = counted - self._minute.popleft()
+        self._sums = self._sums + counted  # replaced whole: another thread reads it
 
     def skip(self, slots: int) -> None:
         """Count skipped slots; a gap of `SUSPENDED_S` or more was a suspension of the machine."""
@@ -105,14 +110,6 @@ class Counts:
         away_s = slots * self.interval_s
         if self.first_ns is not None and away_s >= SUSPENDED_S:
             self.first_ns += round(away_s * 1e9)
-
-    def add_selection(self, selected: NDArray[np.bool_], blind: bool = False) -> None:
-        """Add the selection of a slot."""
-        counted = np.append(selected & (not blind), blind).astype(np.int64)
-        self._minute.append(counted)
-        if len(self._minute) > max(1, round(MINUTE_S / self.interval_s)):
-            counted = counted - self._minute.popleft()
-        self._sums = self._sums + counted  # replaced whole: another thread reads it
 
     def duty(self) -> NDArray[np.float64]:
         """Return `(num_cameras,)`: share of the last minute's slots in which each was active.

@@ -151,28 +151,27 @@ class Recorder:
     def _write(self) -> None:
         while self._slots:
             slot, time_ns, arrivals = self._slots[0]
-            self._write_slot(slot, time_ns, arrivals)
+            settings, writer = self.settings, self._writer
+            part, first = (
+                part_of(each, settings.fps, settings.part_s) for each in (slot, self._first[0])
+            )
+            if writer is not None and part != first:
+                self._finish()
+                writer = None
+            if writer is None:
+                self._first = slot, time_ns
+                writer = self._writer = self._begin(time_ns)
+            for index, arrival in arrivals.items():
+                if settings.cameras[index]:
+                    time_s = (arrival.captured_ns - self._first[1]) / 1e9 * settings.pace
+                    writer.add(
+                        self.rig.camera_ids[index], slot - self._first[0], time_s, arrival.poses
+                    )
             self._unflushed.append(self._slots.popleft())
         if self._writer is not None:
             self._writer.flush()
         self._unflushed.clear()
         self._trim()
-
-    def _write_slot(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
-        settings, writer = self.settings, self._writer
-        part, first = (
-            part_of(each, settings.fps, settings.part_s) for each in (slot, self._first[0])
-        )
-        if writer is not None and part != first:
-            self._finish()
-            writer = None
-        if writer is None:
-            self._first = slot, time_ns
-            writer = self._writer = self._begin(time_ns)
-        for index, arrival in arrivals.items():
-            if settings.cameras[index]:
-                time_s = (arrival.captured_ns - self._first[1]) / 1e9 * settings.pace
-                writer.add(self.rig.camera_ids[index], slot - self._first[0], time_s, arrival.poses)
 
     def _begin(self, time_ns: int) -> RecordingWriter:
         settings = self.settings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from array import array
 from collections.abc import Mapping
 from pathlib import Path
@@ -174,6 +175,16 @@ def save_skeleton(folder: Path, skeleton: Skeleton) -> None:
     if skeleton.name not in SHIPPED:
         content = tomli_w.dumps(skeleton_table(skeleton)).encode()
         (folder / SKELETON.format(skeleton.name)).write_bytes(content)
+
+
+def put_header(folder: Path, table: dict[str, Any]) -> None:
+    """Write a header in place of the one before, which a full disk leaves as it is."""
+    written = folder / f"{HEADER}.new"
+    try:
+        written.write_text(tomli_w.dumps(table), encoding="utf-8")
+        os.replace(written, folder / HEADER)
+    finally:
+        written.unlink(missing_ok=True)
 
 
 def read_series(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 import msgspec
 import numpy as np
 
 from e3pose.base.arrays import Floats
-from e3pose.base.bounded import UNDECODABLE
+from e3pose.base.bounded import MAX_LINE_BYTES, UNDECODABLE
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording.record import MAX_PEOPLE
@@ -44,6 +45,20 @@ class TruthLine(msgspec.Struct, forbid_unknown_fields=True):
 _ENCODER = msgspec.json.Encoder()
 _VIEW_DECODER = msgspec.json.Decoder(ViewLine)
 _TRUTH_DECODER = msgspec.json.Decoder(TruthLine)
+
+
+def cut_torn(path: Path) -> tuple[int, bytes]:
+    """Cut off what a kill left after the last whole line; return how many there are, and the last.
+
+    Args:
+        path: of a file of lines; the last one is empty where there is none.
+    """
+    count, end, last = 0, 0, b""
+    with path.open("r+b") as file:
+        while (line := file.readline(MAX_LINE_BYTES)).endswith(b"\n"):
+            count, end, last = count + 1, end + len(line), line
+        file.truncate(end)
+    return count, last
 
 
 def encode_view(slot: int, time_s: float, poses: Poses2D) -> bytes:

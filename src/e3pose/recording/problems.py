@@ -172,22 +172,18 @@ def find_problems(
         own = recording.skeleton.name
         message = f"limbs have people's lengths as {other}, not as {own}: --skeleton {other}"
         problems.append(Problem("skeleton", "recording", message))
+    made = shell(folder or recording.name)
+    place = f"e3pose calibrate extrinsics {made} rig.toml --height 171cm --update"
     for name in recording.rig.unplaced:
-        where = "has no place, so replay leaves it out; to place all cameras by people: e3pose "
-        made = shell(folder or recording.name)
-        command = f"calibrate extrinsics {made} rig.toml --height 171cm --update"
-        problems.append(Problem("not-placed", name, where + command))
+        message = f"has no place, so replay leaves it out; to place all cameras by people: {place}"
+        problems.append(Problem("not-placed", name, message))
     recording = with_places(recording)
     if recording.rig.placed:
         problems += _rig_problems(recording, rotations, calibration)
         problems += _consistency_problems(recording)
         problems += _truth_problems(recording)
     else:
-        message = (
-            f"it is not known where the cameras stand: e3pose calibrate extrinsics "
-            f"{shell(recording.name if folder is None else folder)} rig.toml --height 171cm "
-            "--update"
-        )
+        message = f"it is not known where the cameras stand: {place}"
         problems.append(Problem("not-placed", "rig", message))
     if folder is not None:
         for camera_id, name in recording.videos.items():

@@ -8,11 +8,9 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
-import tomli_w
-
 from e3pose.base.bounded import read_toml
 from e3pose.base.private import make_folder
-from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
+from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES, put_header
 
 VIDEOS = "videos"  # folder: in a recording, and beside recordings for those that belong to none yet
 SUFFIX = ".mkv"
@@ -116,6 +114,4 @@ def take_videos(recording: Path, videos: Mapping[str, Path]) -> None:
         os.replace(path, folder / named[camera_id])
     table = dict(read_toml(recording / HEADER, MAX_HEADER_BYTES))
     table[VIDEOS] = {**table.get(VIDEOS, {}), **named}
-    written = recording / f"{HEADER}.new"
-    written.write_text(tomli_w.dumps(table), encoding="utf-8")
-    os.replace(written, recording / HEADER)
+    put_header(recording, table)

@@ -16,8 +16,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any
 
-import tomli_w
-
 from e3pose.base.bounded import read_toml
 from e3pose.base.errors import InputError
 from e3pose.base.private import append_to, make_folder
@@ -30,16 +28,15 @@ from e3pose.recording.folder import (
     FORMAT,
     HEADER,
     MAX_HEADER_BYTES,
-    MAX_LINES_BYTES,
     RIG,
     VERSIONS,
+    put_header,
     save_skeleton,
 )
-from e3pose.recording.json_lines import encode_view
+from e3pose.recording.json_lines import cut_torn, encode_view
 from e3pose.recording.processor import ProcessorTime, save_processor
 
 PARTIAL = ".partial"
-TAIL_BYTES = 2**16
 # Room that is given back at the end, so that a recording on a full disk can still be finished.
 ROOM, ROOM_BYTES = ".room", 2**16
 
@@ -144,7 +141,7 @@ class RecordingWriter:
             self.close()
         except OSError:
             for camera_id in self.counts:
-                self.counts[camera_id] = _drop_torn(_lines_of(self.folder, camera_id))
+                self.counts[camera_id], _ = cut_torn(_lines_of(self.folder, camera_id))
         (self.folder / ROOM).unlink(missing_ok=True)
         if not any(self.counts.values()):
             shutil.rmtree(self.folder)
@@ -176,17 +173,7 @@ class RecordingWriter:
             table["detector"] = self.detector
         if frames is not None:
             table["frames"] = frames
-        _put_header(self.folder, table)
-
-
-def _put_header(folder: Path, table: dict[str, Any]) -> None:
-    """Write a header in place of the one before, which a full disk leaves as it is."""
-    written = folder / f"{HEADER}.new"
-    try:
-        written.write_text(tomli_w.dumps(table), encoding="utf-8")
-        os.replace(written, folder / HEADER)
-    finally:
-        written.unlink(missing_ok=True)
+        put_header(self.folder, table)
 
 
 def finish_interrupted(folder: Path) -> list[Path]:
@@ -204,17 +191,16 @@ def finish_interrupted(folder: Path) -> list[Path]:
             rig = load_rig(partial / RIG)
             last, frames = -1, {}
             for camera_id in rig.camera_ids:
-                path = _lines_of(partial, camera_id)
-                frames[camera_id] = _drop_torn(path)
-                last = max(last, _last_slot(path))
-        except (InputError, OSError, ValueError):
+                frames[camera_id], line = cut_torn(_lines_of(partial, camera_id))
+                last = max(last, int(json.loads(line)["slot"]) if line else -1)
+        except (InputError, OSError, ValueError, KeyError, TypeError):
             continue
         if last < 0:
             shutil.rmtree(partial)
             continue
         (partial / ROOM).unlink(missing_ok=True)
         table |= {"num_slots": last + 1, "frames": frames}
-        _put_header(partial, table)
+        put_header(partial, table)
         os.replace(partial, dest)
         found.append(dest)
     return found
@@ -231,39 +217,3 @@ def as_far_as_written(partial: Path) -> Iterator[Path | None]:
 
 def _lines_of(folder: Path, camera_id: str) -> Path:
     return folder / "keypoints" / f"{camera_id}.jsonl"
-
-
-def _drop_torn(path: Path) -> int:
-    """Cut off what stands after the last newline; return the number of lines."""
-    count = end = 0
-    with path.open("r+b") as file:
-        for chunk, begin in _chunks(file):
-            count += chunk.count(b"\n")
-            if (newline := chunk.rfind(b"\n")) >= 0:
-                end = begin + newline + 1
-        file.truncate(end)
-    return count
-
-
-def _chunks(file: IO[bytes]) -> Iterator[tuple[bytes, int]]:
-    begin = 0
-    while begin < MAX_LINES_BYTES and (chunk := file.read(2**20)):
-        yield chunk, begin
-        begin += len(chunk)
-
-
-def _last_slot(path: Path) -> int:
-    """Return the slot of the last line; -1 if there is none."""
-
-    with path.open("rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        for length in (TAIL_BYTES, 2**24):
-            file.seek(max(0, size - length))
-            lines = file.read().splitlines()
-            if not lines:
-                return -1
-            try:
-                return int(json.loads(lines[-1])["slot"])
-            except (ValueError, KeyError, TypeError):
-                continue  # the line is longer than that
-    raise InputError(f"{path}: the last line is no view")

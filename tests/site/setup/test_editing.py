@@ -73,7 +73,7 @@ def test_goals_zones_batteries_and_storage_are_written(setup: SetupSession) -> N
     corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 2.0)]
     said = change(
         setup, target_error="40mm", budget="4W", batteries={"c1": 50.0, "c0": 0.0}, keep="7d",
-        max_size="2GB", zones=[Zone("door", corners)],
+        max_size="2GB", zones=[Zone(name="door", corners=corners)],
     )  # fmt: skip
     assert said == "Wrote lab/site.toml; the file of before is site.toml.before."
     site = load_site(setup.folder)
@@ -97,8 +97,8 @@ def test_what_is_wrong_is_said_and_nothing_is_written(setup: SetupSession) -> No
         ({"budget": "much"}, "budget"),
         ({"keep": "long"}, "store.keep"),
         ({"batteries": {"nobody": 5.0}}, "camera 'nobody'"),
-        ({"zones": [Zone("a b", [(0, 0), (1, 0), (1, 1)])]}, "zone"),
-        ({"zones": [Zone("a", [(0, 0), (1, 0), (1, 1)])] * 2}, "zone a: found twice"),
+        ({"zones": [Zone(name="a b", corners=[(0, 0), (1, 0), (1, 1)])]}, "zone"),
+        ({"zones": [Zone(name="a", corners=[(0, 0), (1, 0), (1, 1)])] * 2}, "zone a: found twice"),
         ({"cameras": 1.0, "target_error": "40mm"}, "found both"),
     ):
         with pytest.raises(InputError, match=said):
@@ -135,7 +135,7 @@ def test_a_running_site_takes_at_once_what_it_can(
     found = change_settings(setup, live, Wanted(target_error="40mm", keep="3d"))
     assert asked[-2].target_error_mm == pytest.approx(40.0) and not found["restart"]
     assert asked[-1] == Control(reread=True)
-    batteries, door = {"c0": 50.0}, Zone("door", [(0, 0), (1, 0), (1, 1)])
+    batteries, door = {"c0": 50.0}, Zone(name="door", corners=[(0, 0), (1, 0), (1, 1)])
     found = change_settings(setup, live, Wanted(batteries=batteries, zones=[door], budget="60%"))
     assert asked[-1] == Control(reread=True) and len(asked) == 4
     assert "The running site takes batteries at its next start" in found["said"]

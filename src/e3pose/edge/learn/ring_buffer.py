@@ -100,16 +100,12 @@ class Ring:
         path = self.folder / f"{self.next:08d}.npz"
         _write(path, chunk, self.skeleton.joints)
         self.next += 1
-        self.prune()
-        return path
-
-    def prune(self) -> None:
-        """Drop the oldest files beyond the bound."""
         total = 0
-        for path in reversed(self.files()):
-            total += path.stat().st_size
+        for written in reversed(self.files()):
+            total += written.stat().st_size
             if total > self.max_bytes:
-                path.unlink(missing_ok=True)
+                written.unlink(missing_ok=True)
+        return path
 
 
 def _write(path: Path, chunk: Chunk, joints: Sequence[str]) -> None:

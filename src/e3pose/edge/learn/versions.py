@@ -155,7 +155,14 @@ class VersionStore:
             spared = {number, version.parent, *(v.number for v in kept[-self.keep :])}
             kept = [v for v in kept if v.number in spared]
             self._write(Manifest(current=number, last=number, versions=tuple(kept)))
-            self._prune(spared)
+            for path in self.folder.glob("*.onnx"):
+                if path.stem.isdecimal() and int(path.stem) not in spared:
+                    path.unlink(missing_ok=True)
+                    path.with_suffix(".md").unlink(missing_ok=True)
+            for path in self.folder.glob(
+                ".[0-9]*.onnx.*"
+            ):  # of a process killed while it wrote one
+                path.unlink(missing_ok=True)
         return version
 
     def use(self, number: int) -> None:
@@ -210,14 +217,6 @@ class VersionStore:
         content = msgspec.json.format(msgspec.json.encode(manifest)) + b"\n"
         for name in (MANIFEST, COPY):
             write_file(self.folder / name, content)
-
-    def _prune(self, spared: set[int]) -> None:
-        for path in self.folder.glob("*.onnx"):
-            if path.stem.isdecimal() and int(path.stem) not in spared:
-                path.unlink(missing_ok=True)
-                path.with_suffix(".md").unlink(missing_ok=True)
-        for path in self.folder.glob(".[0-9]*.onnx.*"):  # of a process killed while it wrote one
-            path.unlink(missing_ok=True)
 
     def _lock(self) -> AbstractContextManager[None]:
         return hold(self.folder / MANIFEST, wait_s=WAIT_S)

@@ -48,21 +48,6 @@ class Channel:
         return max(watts, 0.0)  # a supply at rest reads a little below nothing
 
 
-def find_channels(root: Path) -> list[Channel]:
-    """Return the supplies that a board's sensors name, whatever buses and numbers they have."""
-    drivers = root / DRIVERS
-    channels = []
-    for folder in sorted(drivers.glob("ina238/*-*/hwmon/hwmon*")):
-        if (folder / "power1_input").exists():
-            channels.append(Channel("VIN", (folder / "power1_input",), 1e-6))  # uW
-    for driver in ("ina3221", "ina3221x"):
-        for folder in sorted(drivers.glob(f"{driver}/*-*/hwmon/hwmon*")):
-            channels += _hwmon(folder)
-        for folder in sorted(drivers.glob(f"{driver}/*-*/iio:device*")):
-            channels += _iio(folder)
-    return channels
-
-
 def total_channels(channels: list[Channel]) -> set[str]:
     """Return the names of the supplies that add up to the device."""
     names = {channel.name for channel in channels}
@@ -77,7 +62,17 @@ class RailMeter:
 
     def __init__(self, root: Path = Path("/")) -> None:
         """Find the rails below `root`; raise `MeterError` if there are none."""
-        self._channels = find_channels(root)
+        drivers = root / DRIVERS
+        channels = []  # the supplies that a board's sensors name, whatever buses and numbers
+        for folder in sorted(drivers.glob("ina238/*-*/hwmon/hwmon*")):
+            if (folder / "power1_input").exists():
+                channels.append(Channel("VIN", (folder / "power1_input",), 1e-6))  # uW
+        for driver in ("ina3221", "ina3221x"):
+            for folder in sorted(drivers.glob(f"{driver}/*-*/hwmon/hwmon*")):
+                channels += _hwmon(folder)
+            for folder in sorted(drivers.glob(f"{driver}/*-*/iio:device*")):
+                channels += _iio(folder)
+        self._channels = channels
         if not self._channels:
             raise MeterError(f"{root / DRIVERS}: no INA3221 or INA238 with labelled supplies")
         self._counted = total_channels(self._channels)

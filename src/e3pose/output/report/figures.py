@@ -47,7 +47,6 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
         rows.insert(1, (title, "gain", GAIN_COLOURS, max(0.1, _highest(scene["gain"])), ".2f"))
     height = len(rows) * (HEAD_PX + strip_px) + FOOT_PX
     inner = height - FOOT_PX
-    slots, half = scene["slots"], scene["stride"] / 2
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
         "height": height,
@@ -61,7 +60,7 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
             "fixedrange": True,
             "showgrid": False,
             "zeroline": False,
-            "range": [slots[0] - half, slots[-1] + half] if slots else [0, 1],
+            "range": _slot_range(scene),
             "anchor": f"y{len(rows)}",
             "exponentformat": "none",
         },
@@ -212,3 +211,8 @@ def _highest(rows: Sequence[Sequence[float | None]]) -> float:
 def _short(camera_id: str) -> str:
     """Return a camera's name in the width there is; the id itself is at most 64 characters."""
     return camera_id if len(camera_id) <= 14 else f"{camera_id[:6]}…{camera_id[-7:]}"
+
+
+def _slot_range(scene: Mapping[str, Any]) -> list[float]:
+    slots, half = scene["slots"], scene["stride"] / 2
+    return [slots[0] - half, slots[-1] + half] if slots else [0, 1]

@@ -94,11 +94,6 @@ class PolicyRow:
             uses=frozenset({BUDGET, WEIGHT}),
         )
 
-    def with_queue(self) -> PolicyRow:
-        """Return the row of a policy that is given an energy queue."""
-        promises = self.promises | {Promise.BUDGET}
-        return replace(self, uses=self.uses | {BUDGET}, promises=promises)
-
 
 BOTH = frozenset({Promise.COUNT, Promise.BUDGET})
 POLICIES: dict[str, PolicyRow] = {
@@ -169,5 +164,8 @@ def policy_row(name: str, queue: bool = False) -> PolicyRow:
     found: Any = member(GROUP, "policy", name, POLICIES)
     if isinstance(found, PolicyRow):
         may_queue = queue and QUEUE in found.uses
-        return found.with_queue() if may_queue else found
+        if not may_queue:
+            return found
+        promises = found.promises | {Promise.BUDGET}
+        return replace(found, uses=found.uses | {BUDGET}, promises=promises)
     return PolicyRow(making(found), needs=frozenset({Need.OWN_BOXES}))

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, FastAPI, HTTPException, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from e3pose import __version__
 from e3pose.base.errors import InputError
@@ -24,20 +24,11 @@ from e3pose.site.setup.coverage import Coverage
 from e3pose.site.setup.going_live import LiveSite
 from e3pose.site.setup.plan import Plan
 from e3pose.site.setup.session import SetupSession
+from e3pose.site.setup.settings import Asked, Name
 from e3pose.site.web.app import unreadable
 from e3pose.site.web.page import BROWSER, FILES, make_page
 
-Name = Annotated[str, Field(min_length=1, max_length=64)]
 Text = Annotated[str, Field(max_length=500)]
-Short = Annotated[str, Field(max_length=60)]
-Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
-Watthours = Annotated[float, Field(ge=0, le=1e6)]
-
-
-class Asked(BaseModel):
-    """A request of the page; unknown fields are refused."""
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 class ChosenSite(Asked):
@@ -88,25 +79,6 @@ class Click(Asked):
     x: Annotated[float, Field(ge=0, le=1e5)]
     y: Annotated[float, Field(ge=0, le=1e5)]
     what: Literal["origin", "x-axis"]
-
-
-class ZoneBody(Asked):
-    """A zone of the floor."""
-
-    name: Name
-    corners: Annotated[list[tuple[Metres, Metres]], Field(min_length=3, max_length=100)]
-
-
-class SettingsBody(Asked):
-    """Requested settings; omitted ones stay."""
-
-    cameras: Annotated[float | None, Field(gt=0, le=1000)] = None
-    target_error: Short | None = None
-    budget: Short | None = None
-    batteries: Annotated[dict[Name, Watthours] | None, Field(max_length=64)] = None
-    keep: Short | None = None
-    max_size: Short | None = None
-    zones: Annotated[list[ZoneBody] | None, Field(max_length=32)] = None
 
 
 class LiveOrder(Asked):
@@ -219,14 +191,8 @@ def _sites(table: Table) -> APIRouter:
         return settings.present(setup)
 
     @api.post("/settings")
-    def change(asked: SettingsBody) -> dict[str, Any]:
-        zones = asked.zones
-        wanted = settings.Wanted(
-            asked.cameras, asked.target_error, asked.budget, asked.batteries, asked.keep,
-            asked.max_size,
-            None if zones is None else [settings.Zone(z.name, z.corners) for z in zones],
-        )  # fmt: skip
-        return settings.change_settings(setup, table.live, wanted)
+    def change(asked: settings.Wanted) -> dict[str, Any]:
+        return settings.change_settings(setup, table.live, asked)
 
     @api.post("/settings/before")
     def before() -> dict[str, Any]:

@@ -8,11 +8,11 @@ says so.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import tomlkit
+from pydantic import BaseModel, ConfigDict, Field
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m
@@ -23,24 +23,26 @@ from e3pose.site.setup.going_live import LiveSite, ask_elsewhere, runs_elsewhere
 from e3pose.site.setup.session import BEFORE, SetupSession
 from e3pose.wire.site_messages import Control
 
-MOST_ZONES = 32
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+Short = Annotated[str, Field(max_length=60)]
+Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
+Watthours = Annotated[float, Field(ge=0, le=1e6)]
 
 
-@dataclass(frozen=True, slots=True)
-class Zone:
-    """A zone as the page has it.
+class Asked(BaseModel):
+    """A request of the page; unknown fields are refused."""
 
-    Attributes:
-        name: of it.
-        corners: x and y in metres, in order around it.
-    """
-
-    name: str
-    corners: Sequence[tuple[float, float]]
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
+class Zone(Asked):
+    """A zone of the floor; its corners in order around it."""
+
+    name: Name
+    corners: Annotated[list[tuple[Metres, Metres]], Field(min_length=3, max_length=MAX_CORNERS)]
+
+
+class Wanted(Asked):
     """Requested settings; None keeps one, an empty text removes it.
 
     Attributes:
@@ -53,13 +55,13 @@ class Wanted:
         zones: all of them.
     """
 
-    cameras: float | None = None
-    target_error: str | None = None
-    budget: str | None = None
-    batteries: Mapping[str, float] | None = None
-    keep: str | None = None
-    max_size: str | None = None
-    zones: Sequence[Zone] | None = None
+    cameras: Annotated[float | None, Field(gt=0, le=1000)] = None
+    target_error: Short | None = None
+    budget: Short | None = None
+    batteries: Annotated[dict[Name, Watthours] | None, Field(max_length=64)] = None
+    keep: Short | None = None
+    max_size: Short | None = None
+    zones: Annotated[list[Zone] | None, Field(max_length=32)] = None
 
 
 def present(setup: SetupSession) -> dict[str, Any]:
@@ -109,7 +111,8 @@ def change_settings(setup: SetupSession, live: LiveSite, wanted: Wanted) -> dict
         InputError: for what is wrong; the file stays as it is then.
     """
     setup.tasks.check_free()
-    _check(wanted)
+    if wanted.cameras is not None and wanted.target_error:
+        raise InputError("cameras, target_error", "both", "one of them")
     setup.site()  # an error where there is none
     before = setup.site_file.read_bytes()
     site = edit_site(setup.folder, lambda document: _edit(document, wanted))
@@ -125,14 +128,6 @@ def change_settings(setup: SetupSession, live: LiveSite, wanted: Wanted) -> dict
         where = "" if live.on else ", where you started it"
         said.append(f"The running site takes {rest} at its next start{where}.")
     return {"said": " ".join(said), "restart": bool(rest) and live.on}
-
-
-def _check(wanted: Wanted) -> None:
-    if wanted.cameras is not None and wanted.target_error:
-        raise InputError("cameras, target_error", "both", "one of them")
-    zones = wanted.zones or ()
-    if len(zones) > MOST_ZONES or any(len(zone.corners) > MAX_CORNERS for zone in zones):
-        raise InputError("zones", "too many, or too many corners", f"at most {MOST_ZONES}")
 
 
 def _at_once(ask: Callable[[Control], str], wanted: Wanted) -> tuple[list[str], str]:
@@ -169,7 +164,8 @@ def _at_once(ask: Callable[[Control], str], wanted: Wanted) -> tuple[list[str], 
 def _edit(document: Any, wanted: Wanted) -> None:
     if wanted.cameras is not None:
         loop = document.setdefault("loop", tomlkit.table())
-        loop["cameras"] = wanted.cameras
+        whole = wanted.cameras == int(wanted.cameras)
+        loop["cameras"] = int(wanted.cameras) if whole else wanted.cameras
         loop.pop("target_error", None)
     if wanted.target_error:
         loop = document.setdefault("loop", tomlkit.table())

@@ -78,14 +78,7 @@ def make_control(ask: Ask) -> APIRouter:
 
     @control.post("/loop", summary="Change how cameras are selected")
     def loop(changes: LoopChanges) -> Done:
-        return _send(
-            ask,
-            Control(
-                cameras=changes.cameras,
-                target_error_mm=changes.target_error_mm,
-                quality_weight=changes.quality_weight,
-            ),
-        )
+        return _send(ask, Control(**changes.model_dump()))
 
     @control.post("/cameras/{camera_id}", summary="Pause a camera, or set its budget")
     def camera(camera_id: str, changes: CameraChanges) -> Done:
@@ -93,9 +86,7 @@ def make_control(ask: Ask) -> APIRouter:
             check_camera_id(camera_id)
         except InputError as error:
             raise HTTPException(422, str(error)) from None
-        return _send(
-            ask, Control(camera_id=camera_id, paused=changes.paused, budget=changes.budget)
-        )
+        return _send(ask, Control(camera_id=camera_id, **changes.model_dump()))
 
     return control
 

@@ -26,6 +26,10 @@ from e3pose.wire.messages import fields
 from e3pose.wire.site_messages import CameraStatus, Status
 
 DECIMALS_M = 4  # a tenth of a millimetre
+SLOT_FIELDS = (
+    "slot", "time_ns", "published_ns", "joints", "selected", "arrived", "blind", "stored_from",
+    "stored_to", "store_shed", "delay_ms",
+)  # fmt: skip
 
 
 class Shape(BaseModel):
@@ -126,25 +130,10 @@ def event_of_slot(
         since_ns: see `doing`.
     """
     found = people(slot.people)
-    body = {
-        "slot": slot.slot,
-        "time_ns": slot.time_ns,
-        "published_ns": slot.published_ns,
-        "joints": slot.joints,
-        "selected": slot.selected,
-        "arrived": slot.arrived,
-        "blind": slot.blind,
-        "stored_from": slot.stored_from,
-        "stored_to": slot.stored_to,
-        "store_shed": slot.store_shed,
-        "delay_ms": slot.delay_ms,
-        "people": [
-            {**person, **does}
-            for person, does in zip(found, doing(slot, watch, zones, since_ns), strict=True)
-        ],
-        "zones": zones.counts(),
-    }
-    return Encoded("slot", body)
+    does = doing(slot, watch, zones, since_ns)
+    who = [{**person, **state} for person, state in zip(found, does, strict=True)]
+    body = {name: getattr(slot, name) for name in SLOT_FIELDS}
+    return Encoded("slot", {**body, "people": who, "zones": zones.counts()})
 
 
 def event_of_status(
