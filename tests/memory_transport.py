@@ -30,13 +30,19 @@ class Hub:
     Attributes:
         fault: what happens to everything that is sent.
         delay_s: how long it takes to arrive.
+        speed: of the site's clock, in whose seconds delays are.
     """
 
     fault: Fault = _pass
     delay_s: Delay = _at_once
+    speed: float = 1.0
     members: list[MemoryTransport] = field(default_factory=list)
     lock: threading.RLock = field(default_factory=threading.RLock)
     air: Air = field(default_factory=lambda: Air())
+
+    def way_s(self, topic: str) -> float:
+        """Return how long a message takes by the clock on the wall."""
+        return self.delay_s(topic) / self.speed
 
     def join(self) -> MemoryTransport:
         """Return a transport of its own for one program."""
@@ -61,7 +67,7 @@ class MemoryTransport:
         arrived = self.hub.fault(topic, payload)
         if arrived is None or self not in self.hub.members:
             return
-        self.hub.air.carry(self.hub.delay_s(topic), lambda: self._deliver(topic, arrived))
+        self.hub.air.carry(self.hub.way_s(topic), lambda: self._deliver(topic, arrived))
 
     def _deliver(self, topic: str, arrived: bytes) -> None:
         for member in list(self.hub.members):
@@ -76,13 +82,13 @@ class MemoryTransport:
     def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
         """See `Transport.ask`."""
         arrived = self.hub.fault(topic, payload)
-        begun_s, way_s = time.monotonic(), self.hub.delay_s(topic)
+        begun_s, way_s = time.monotonic(), self.hub.way_s(topic)
         time.sleep(min(way_s, timeout_s))
         for member in list(self.hub.members):
             for pattern, answer in member.answers:
                 if arrived is not None and matches(pattern, topic):
                     reply = answer(topic, arrived)
-                    back_s = self.hub.delay_s(topic)
+                    back_s = self.hub.way_s(topic)
                     left_s = timeout_s - (time.monotonic() - begun_s)
                     time.sleep(max(min(back_s, left_s), 0.0))
                     lost = reply is None or back_s > left_s

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.edge.one_process import Site, site_at_work, started
+from tests.edge.one_process import QuickClock, Site, site_at_work, started
 from tests.waiting import WAIT_S, eventually, settled
 
-from e3pose.base.clock import WallClock
 from e3pose.base.kernel import INTERPRETING
 from e3pose.edge import camera_state, server
 from e3pose.edge.consumers import Consumers
@@ -227,7 +226,7 @@ def test_edge_whose_clock_was_set_goes_on_with_the_next_slot(site: Site, hours: 
     edge.stop()
     slot = edge.state.slot
     # Sessions of a clock that went back are older than those of before.
-    site.clock = WallClock(site.clock.origin_ns + hours * 3600 * 10**9)
+    site.clock = QuickClock(site.clock.origin_ns + hours * 3600 * 10**9)
     again = site.start_edge()
     assert eventually(lambda: again.counts.views > 10)
     assert slot < again.state.slot < slot + 400

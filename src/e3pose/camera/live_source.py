@@ -19,6 +19,7 @@ one machine, or on machines with the same time, show the same moment.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -140,7 +141,7 @@ class PacedSource:
             wait_s = (due_ns - self.clock.now_ns()) / 1e9
             if wait_s > READ_S:
                 self._ahead = due
-                time.sleep(READ_S)
+                self._wait(self.clock.now_ns() + round(READ_S * 1e9))
                 return None
             self._ahead = None
             if wait_s < -READ_S:  # the machine was busy, or asleep
@@ -152,9 +153,12 @@ class PacedSource:
                 frame = replace(frame, decode=due[1].decode)
                 if due_ns >= self._needed_ns and not due[1].decode():  # ready before it is due
                     continue
-            time.sleep(max((due_ns - self.clock.now_ns()) / 1e9, 0.0))
+            self._wait(due_ns)
             return frame
         return None
+
+    def _wait(self, until_ns: int) -> None:
+        self.clock.wait(threading.Event(), until_ns)
 
     def close(self) -> None:
         """See `LiveSource.close`."""
