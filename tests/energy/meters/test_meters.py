@@ -348,7 +348,7 @@ def host() -> Iterator[str]:
         def log_message(self, format: str, *args: object) -> None: ...
 
     server = HTTPServer(("127.0.0.1", 0), Plug)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
     thread.start()
     ANSWERS.clear()
     yield f"127.0.0.1:{server.server_port}"

@@ -229,7 +229,7 @@ def test_an_answer_by_drops_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None
             """Say nothing."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Drops)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
     try:
         with pytest.raises(InputError, match="no answer in time"):
             streams_of(f"http://127.0.0.1:{server.server_port}/device")

@@ -124,7 +124,7 @@ def broker(
         secure: its certificate; None for plain text.
     """
     with Broker(login, secure) as server:
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
         thread.start()
         yield int(server.server_address[1])
         server.shutdown()

@@ -71,7 +71,7 @@ def test_osc_is_read_by_python_osc() -> None:
     dispatcher = Dispatcher()
     dispatcher.set_default_handler(lambda address, *values: heard.put((address, *values)))
     with ThreadingOSCUDPServer(("127.0.0.1", 0), dispatcher) as server:
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
         thread.start()
         named = replace(SOURCE, names=lambda track: "Ada")
         stream = open_stream(f"osc://127.0.0.1:{server.server_address[1]}", named)

@@ -118,7 +118,7 @@ def web_server(secure: ssl.SSLContext | None) -> Iterator[int]:
     with HTTPServer(("127.0.0.1", 0), Answers) as server:
         if secure is not None:
             server.socket = secure.wrap_socket(server.socket, server_side=True)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+        threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
         yield server.server_address[1]
         server.shutdown()
 
