@@ -24,7 +24,7 @@ FISHEYE = Camera(
 
 @pytest.mark.parametrize("camera", [WEBCAM, FISHEYE], ids=["pinhole", "fisheye"])
 def test_lens_is_recognised_and_measured(camera: Camera) -> None:
-    views = corner_views(camera, BOARD, 40, np.random.default_rng(3), noise_px=0.15)
+    views = corner_views(camera, BOARD, 30, np.random.default_rng(3), noise_px=0.15)
     fit = fit_intrinsics("cam", camera.image_size, BOARD.corners_m, views, np.ones(len(views)))
     assert fit.model == ("fisheye" if camera.fisheye else "pinhole")
     assert fit.held_out_px[fit.model] == pytest.approx(0.15 * np.sqrt(2), rel=0.15)
@@ -44,7 +44,7 @@ def test_lens_is_recognised_and_measured(camera: Camera) -> None:
 
 def test_blurred_and_misread_views_are_left_out() -> None:
     rng = np.random.default_rng(4)
-    views = corner_views(WEBCAM, BOARD, 40, rng, noise_px=0.15)
+    views = corner_views(WEBCAM, BOARD, 24, rng, noise_px=0.15)
     wrong = views.copy()
     wrong[3:6] += rng.normal(0, 8.0, views[3:6].shape)
     sharpness = np.ones(len(views))

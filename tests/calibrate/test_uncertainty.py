@@ -31,7 +31,7 @@ CASES = {
     ("name", "lens"),
     [
         ("ring", "unknown"),
-        ("errors that follow the view", "known"),
+        pytest.param("errors that follow the view", "known", marks=pytest.mark.nightly),
         pytest.param("ring", "known", marks=pytest.mark.nightly),
         pytest.param("errors that follow the view", "unknown", marks=pytest.mark.nightly),
         pytest.param("six cameras", "known", marks=pytest.mark.nightly),

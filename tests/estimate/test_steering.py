@@ -52,7 +52,7 @@ def error_mm(name: str, seed: int, count: int, predictor: str) -> float:
     return float(accuracy(recording, list(replay(recording, settings))).mpjpe_mm or np.nan)
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.nightly)])
 def test_the_learned_predictor_lowers_the_error(count: int) -> None:
     ratios = [
         error_mm(*case, count, "attention-lstm") / error_mm(*case, count, "damped-velocity")

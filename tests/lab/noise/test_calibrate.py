@@ -68,7 +68,9 @@ def known_noise(cameras: int = 5, seconds: float = 6.0, seed: int = 1) -> Record
     return replace(recording, truth=None, views=tuple(views))
 
 
-@pytest.mark.parametrize(("cameras", "tolerance"), [(5, 0.12), (3, 0.25)])
+@pytest.mark.parametrize(
+    ("cameras", "tolerance"), [(5, 0.12), pytest.param(3, 0.25, marks=pytest.mark.nightly)]
+)
 def test_known_noise_is_recovered(cameras: int, tolerance: float) -> None:
     calibrated = calibrate_noise(known_noise(cameras))
     assert calibrated.people == 3
@@ -90,6 +92,7 @@ def test_seconds_cut_a_recording_of_which_a_part_is_scored() -> None:
     assert calibrate_noise(recording, seconds=2.0).slots == 50
 
 
+@pytest.mark.nightly
 def test_a_shifted_camera_is_named_and_can_be_taken_out() -> None:
     recording = known_noise(4, 8.0)
     shift = np.array([30.0, 10.0])
