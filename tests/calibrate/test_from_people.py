@@ -114,7 +114,8 @@ def test_good_rig_is_found_good_and_a_moved_camera_is_named(two: Recording) -> N
     cameras = [moved if i == 2 else camera for i, camera in enumerate(two.rig.cameras)]
     bad = judge(replace(two, rig=Rig(tuple(cameras))), NOISE, quiet)
     assert bad.errors_px[2] > 1.5 * good.errors_px[2]
-    assert any("cam2" in words for words in bad.next_steps)
+    (said,) = (words for words in bad.next_steps if "was moved" in words)
+    assert said.startswith("cam2 is off by") and "--only cam2" in said
     assert np.nanmedian(bad.room.calibration_mm) > 3 * np.nanmedian(good.room.calibration_mm)
 
 

@@ -142,17 +142,9 @@ def test_keypoints_with_low_scores_do_not_count() -> None:
 
 
 def test_a_lost_view_judges_nobody() -> None:
-    lost = only(
-        "c0",
-        with_series(
-            0,
-            slots=SCENE.views[0].slots[:3],
-            times_s=SCENE.views[0].times_s[:3],
-            starts=SCENE.views[0].starts[:4],
-            keypoints_px=SCENE.views[0].keypoints_px[:3],
-            scores=SCENE.views[0].scores[:3],
-        ),
-    )
+    series, names = SCENE.views[0], ("slots", "times_s", "keypoints_px", "scores")
+    first = {name: getattr(series, name)[:3] for name in names}
+    lost = only("c0", with_series(0, starts=series.starts[:4], **first))
     assert judge(lost, records(truth())).mean.poses == 3
 
 
@@ -194,16 +186,10 @@ def test_a_camera_without_keypoints_cannot_judge() -> None:
 
 def test_each_takes_cameras_in_turn() -> None:
     (whole, nobody), *others = turns(SCENE, ["each"])
-    assert whole is SCENE
-    assert nobody is None
-    left = [rest.rig.camera_ids for rest, _ in others]
-    assert left[1] == ("c0", "c2", "c3")
-    assert [by.rig.camera_ids for _, by in others if by is not None] == [
-        ("c0",),
-        ("c1",),
-        ("c2",),
-        ("c3",),
-    ]
+    assert whole is SCENE and nobody is None
+    assert others[1][0].rig.camera_ids == ("c0", "c2", "c3")
+    judges = [by.rig.camera_ids for _, by in others if by is not None]
+    assert judges == [(f"c{n}",) for n in range(4)]
     with pytest.raises(InputError, match="2 cameras that are left"):
         turns(of_cameras(SCENE, ["c0", "c1"]), ["each"])
 
@@ -285,7 +271,8 @@ def test_what_nobody_should_trust_is_said(
     }
     known = [one for one in mm if one is not None]
     mean = HeldOutCamera(median_mm=fmean(known) if known else None, missed_percent=missed)
-    said = doubts_of(HeldOut(each, mean) if mm else None, cameras)
+    own = HeldOut({f"c{n}": HeldOutCamera() for n in range(cameras)}, HeldOutCamera())
+    said = doubts_of(HeldOut(each, mean) if mm else None, own)
     assert len(said) == len(doubts)
     assert all(one.startswith(begin) for one, begin in zip(said, doubts, strict=True))
 
@@ -308,3 +295,26 @@ def test_a_replay_that_fails_ends_the_others(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(replaying, "num_cores", lambda: 2)
     with pytest.raises(InputError, match="slot: found nothing"):
         replaying._judged([(Broken(), only("c0")), (Endless(), only("c1"))])  # type: ignore[list-item]
+
+
+def test_only_the_camera_that_was_moved_is_named() -> None:
+    """It pulls the poses that judge the others; where all make the poses, it alone does not fit."""
+    series = SCENE.views[1]
+    moved = with_series(1, keypoints_px=series.keypoints_px + [30.0, -4.0])
+    c1 = judge(only("c1", moved), records(truth())).cameras["c1"]
+    assert c1.shift_px == pytest.approx((30.0, -4.0), abs=0.01)
+    late = with_series(1, keypoints_px=series.keypoints_px * [-1, 1] + [1280.0, 0.0])
+    unlike = judge(only("c1", late), records(truth())).cameras["c1"]
+
+    def said(c1: HeldOutCamera, *mm: float) -> list[str]:
+        each = {"c1": c1} | {f"d{n}": HeldOutCamera(median_mm=one) for n, one in enumerate(mm)}
+        own = {"c1": c1} | {f"d{n}": HeldOutCamera(median_mm=20.0) for n in range(len(mm))}
+        return doubts_of(HeldOut(each, HeldOutCamera(median_mm=60.0)), HeldOut(own, c1))
+
+    pulled = replace(c1, median_mm=87.0)
+    (one,) = said(pulled, 33.0, 73.0, 29.0)
+    assert one.startswith("Camera c1 disagrees with the others (87 mm, they 33): all its keypoints")
+    assert "off by (+30, -4) px" in one and "--only c1" in one
+    (one,) = said(replace(unlike, median_mm=87.0), 33.0, 73.0, 29.0)
+    assert "check when its film began" in one
+    assert len(said(replace(pulled, median_mm=30.0), 29.0, 90.0, 31.0)) == 1, "pulled by nobody"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.base.arrays import Floats
+from e3pose.base.arrays import Flags, Floats
 from e3pose.base.errors import InputError
 from e3pose.calibrate.expected_error import ErrorMap, error_map
 from e3pose.calibrate.from_people import PeopleRig, Progress, silent, solve_people
@@ -80,7 +80,7 @@ def judge(
     errors = _median(np.linalg.norm(residuals, axis=-1))
     shifts = np.stack([_median(residuals[..., 0]), _median(residuals[..., 1])], axis=-1)
     points = place_points(rig, pixels, sigma)
-    inner = np.stack([camera.project(points) for camera in rig.cameras]) - pixels
+    inner = pixels - np.stack([camera.project(points) for camera in rig.cameras])
     spread = 1.4826 * _median(np.abs(inner).mean(axis=-1))
     spread = np.where(np.isfinite(spread), np.maximum(spread, 0.5), np.nanmedian(spread))
     found = _solved_again(recording, noise, progress)
@@ -96,7 +96,7 @@ def judge(
     angle, pair_errors = _pairs(rig, points, pixels)
     return Judgement(
         errors, shifts, spread, seen.sum(axis=1), sure, angle, pair_errors, room,
-        _advice(rig, shifts, sure, seen, room),
+        _advice(rig, shifts, _blamed(rig, shifts, inner), sure, seen, room),
     )  # fmt: skip
 
 
@@ -122,6 +122,23 @@ def _left_out(rig: Rig, pixels: Floats, sigma: Floats) -> Floats:
             points = place_points(rig, pixels, sigma)
         residuals[index] = pixels[index] - camera.project(points)
     return residuals
+
+
+def _blamed(rig: Rig, shifts: Floats, inner: Floats) -> Flags:
+    """Return `(num_cameras,)`: those that were moved.
+
+    A camera in a wrong place pulls what it places with the others, so that these seem shifted, too;
+    where all place people together, it alone does not fit.
+
+    Args:
+        rig: the cameras.
+        shifts: `(num_cameras, 2)` pixels, against the people that the others place.
+        inner: `(num_cameras, num_points, 2)` pixels, against the people that all place.
+    """
+    sides = np.array([max(camera.image_size) for camera in rig.cameras])
+    shifted = np.linalg.norm(shifts, axis=-1) > SHIFT_SHARE * sides
+    own = np.linalg.norm([_median(inner[..., 0]), _median(inner[..., 1])], axis=0)
+    return np.asarray(shifted & ~(own < np.max(own, where=shifted, initial=0.0) / 2))
 
 
 def _median(values: Floats) -> Floats:
@@ -175,6 +192,7 @@ def poor_pairs(rig: Rig, judgement: Judgement) -> list[str]:
 def _advice(
     rig: Rig,
     shifts: Floats,
+    blamed: Flags,
     sure: CameraErrors,
     seen: NDArray[np.bool_],
     room: ErrorMap,
@@ -186,10 +204,11 @@ def _advice(
                 f"{camera.camera_id} saw no person that others saw: record people in front of it"
             )
             continue
-        if np.linalg.norm(shifts[i]) > SHIFT_SHARE * max(camera.image_size):
+        if blamed[i]:
             words.append(
                 f"{camera.camera_id} is off by ({shifts[i, 0]:+.0f}, {shifts[i, 1]:+.0f}) px: it "
-                "was moved, or its lens or image size is not that of the calibration"
+                "was moved, or its lens or image size is not that of the calibration; `e3pose "
+                f"calibrate extrinsics RECORDING NEW.toml --only {camera.camera_id}` places it"
             )
     moved = np.nan_to_num(sure.moved_deg / MOVED_DEG + sure.moved_mm / MOVED_MM)
     doubt = np.maximum(sure.moved_deg / sure.sure_deg, sure.moved_mm / sure.sure_mm) > SURE_SIGMAS

@@ -222,9 +222,9 @@ def replay(
     notes = (*left, *([] if main.read_view is None else [main.read_view.summary()]))
     summary = replace(main.summary(records, notes), held_out=held_out)
     if summary.all_looked and not source.truth:
-        rig = [one for one in problems if one.where == "rig" and one.kind not in HARMLESS]
-        found = (*doubts_of(held_out, len(source.rig)), *(one.message for one in rig))
-        summary = replace(summary, reprojection=judge(source, records), doubts=found)
+        own, bad = judge(source, records), [p for p in problems if p.kind not in HARMLESS]
+        doubts = (*doubts_of(held_out, own), *(p.message for p in bad if p.where == "rig"))
+        summary = replace(summary, reprojection=own, doubts=doubts)
     outputs.write(source, records, summary, notes, store.file(), recording)
     if not any(len(record.people) for record in records):
         why = sorted(problems, key=lambda one: one.kind in HARMLESS)

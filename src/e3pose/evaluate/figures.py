@@ -292,6 +292,7 @@ class HeldOutCamera(Distances):
         missed_percent: those without a pose.
         poses: that should be in its image.
         unseen_percent: those without a detection: hidden from it, or nobody.
+        shift_px: right and down, by which its keypoints are off in the median; of a camera alone.
         joints: distances by joint.
     """
 
@@ -299,6 +300,7 @@ class HeldOutCamera(Distances):
     missed_percent: float | None = None
     poses: int = 0
     unseen_percent: float | None = None
+    shift_px: tuple[float, float] | None = None
     joints: Mapping[str, Distances] = field(default_factory=dict)
 
 

@@ -99,14 +99,18 @@ def judge(judges: Recording, records: Sequence[SlotRecord]) -> HeldOut:
 
 # What nobody should trust. Usual are 30 to 50 mm from held-out cameras, whose own errors count too.
 DOUBTFUL_MM, ODD_CAMERA, DOUBTFUL_MISSED = 80.0, 2.0, 30.0  # definition: of a red line
+SHIFTED = 0.7  # definition: share of a camera's distance that all its keypoints have in common
 
 
-def doubts_of(held_out: HeldOut | None, num_cameras: int) -> list[str]:
-    """Return why poses should not be trusted, by what held-out cameras say; the worst first."""
+def doubts_of(held_out: HeldOut | None, reprojection: HeldOut) -> list[str]:
+    """Return why poses should not be trusted, by what held-out cameras say; the worst first.
+
+    A camera in a wrong place pulls the poses by which the others are judged. `reprojection`, of
+    poses that all cameras made, tells which one does not fit.
+    """
     if held_out is None:
-        return (
-            [] if num_cameras > MIN_CAMERAS else ["Two cameras: none is left to judge the poses."]
-        )
+        few = len(reprojection.cameras) <= MIN_CAMERAS
+        return ["Two cameras: none is left to judge the poses."] if few else []
     doubts, median_mm = [], held_out.mean.median_mm
     if median_mm is None:
         return ["No camera that took no part sees the people where the poses are."]
@@ -115,18 +119,40 @@ def doubts_of(held_out: HeldOut | None, num_cameras: int) -> list[str]:
             f"Joints are {median_mm:.0f} mm off across the rays of cameras that took no part: "
             "check the calibration and the time between the films."
         )
-    for name, camera in held_out.cameras.items():
-        others = [o.median_mm for k, o in held_out.cameras.items() if k != name and o.median_mm]
-        usual = float(np.median(others)) if others else np.inf
-        if camera.median_mm and camera.median_mm > max(ODD_CAMERA * usual, DOUBTFUL_MM / 2):
+    odd = _odd_cameras(held_out)
+    causes = _odd_cameras(reprojection).keys() & odd.keys()
+    for name, (camera, others_mm) in odd.items():
+        if not causes or name in causes:
             doubts.append(
                 f"Camera {name} disagrees with the others ({camera.median_mm:.0f} mm, they "
-                f"{usual:.0f}): check its calibration and when it began."
+                f"{others_mm:.0f}): {_cause(name, camera)}"
             )
     missed = held_out.mean.missed_percent or 0.0
     if missed > DOUBTFUL_MISSED:
         doubts.append(f"{missed:.0f} % of the people whom such cameras detect have no pose.")
     return doubts
+
+
+def _odd_cameras(found: HeldOut) -> dict[str, tuple[HeldOutCamera, float]]:
+    """Return cameras that are much farther from the poses than the others, and these, mm."""
+    odd = {}
+    for name, camera in found.cameras.items():
+        others = [o.median_mm for k, o in found.cameras.items() if k != name and o.median_mm]
+        usual = float(np.median(others)) if others else np.inf
+        if camera.median_mm and camera.median_mm > max(ODD_CAMERA * usual, DOUBTFUL_MM / 2):
+            odd[name] = camera, usual
+    return odd
+
+
+def _cause(name: str, camera: HeldOutCamera) -> str:
+    x, y = camera.shift_px or (0.0, 0.0)
+    if np.hypot(x, y) < SHIFTED * (camera.median_px or np.inf):
+        return "check when its film began (e3pose sync), then its calibration."
+    return (
+        f"all its keypoints are off by ({x:+.0f}, {y:+.0f}) px, so it was moved, or its lens or "
+        "image size is not that of the calibration. `e3pose calibrate extrinsics RECORDING "
+        f"NEW.toml --only {name}` places it by the people; then use NEW.toml."
+    )
 
 
 def joined(found: Sequence[HeldOut | None]) -> HeldOut | None:
@@ -149,6 +175,7 @@ def _one(
     most = len(series.scores)  # single precision: an hour has millions
     off = np.empty((most, len(skeleton), 2), np.float32)
     wrong = np.empty((most, len(skeleton)), np.float32)
+    shift_px = np.empty((most, 2), np.float32)
     people = poses = unseen = paired = 0
     for record in records:
         view = series.view(record.slot) if record.slot in scored else None
@@ -166,6 +193,8 @@ def _one(
         off[new] = apart[pose, detection]
         names = skeleton.joints
         wrong[new] = wrong_in_view(camera, joints_m[pose], sure_px[detection], names)
+        aside_px = sure_px[detection] - camera.project(joints_m[pose])
+        shift_px[new] = np.nanmedian(aside_px[:, rows], axis=1)
         counted = (view.scores[:, rows] > SURE_SCORE).sum(axis=-1) >= LEAST_KEYPOINTS
         pixels = camera.project(joints_m[:, rows])  # NaN counts as outside the image
         inside = ((pixels >= 0) & (pixels < camera.image_size)).all(axis=-1)
@@ -174,12 +203,14 @@ def _one(
         shown[pose] = False
         unseen += int(shown.sum())
     found, turned = off[:paired], wrong[:paired]
+    shift = np.median(shift_px[:paired], axis=0) if paired else None
     return HeldOutCamera(
         **asdict(_distances(found[:, rows], turned[:, rows])),
         people=people,
         missed_percent=100 * (people - len(found)) / people if people else None,
         poses=poses,
         unseen_percent=100 * unseen / poses if poses else None,
+        shift_px=None if shift is None else (float(shift[0]), float(shift[1])),
         joints={
             name: _distances(found[:, row], turned[:, row])
             for row, name in enumerate(skeleton.joints)
