@@ -54,7 +54,7 @@ def test_films_become_everything_and_again_nothing_runs(
     page = (out / "report.html").read_text()
     assert "<title>videos: cam0.mp4, cam1.mp4, cam2.mp4</title>" in page
     assert "How good it is" in page and "<td>left_knee</td>" in page and "<td>cam1</td>" in page
-    assert "All cameras looked all the time." in page and "class='doubt'" not in page
+    assert "All cameras were active in every slot." in page and "class='doubt'" not in page
     assert "saved" not in page.partition("<script")[0] and "Energy per camera" not in page
     assert run(*words) == 0
     said = capsys.readouterr().out

@@ -53,6 +53,7 @@ TRUTH_BOX = "<label class='soft'><input type='checkbox' id='truth'> ground truth
 SURE_BOX = (
     "<label class='soft'><input type='checkbox' id='sure' checked> discs: 90 % confidence</label>"
 )
+OF_SELECTION = ("policy", "num_selected", "budget", "quality_weight", "lead_slots", "warmup_slots")
 BLIND_KEY = (
     " &nbsp; <i class='swatch' style='background:var(--blind)'></i>blind slot: no view arrived"
 )
@@ -125,6 +126,7 @@ def render(
         film=embed(filmed),
         truth_box=TRUTH_BOX if drawn["truthLimbs"] else "",
         sure_box=SURE_BOX if sure else "",
+        selection="hidden" if summary.all_looked else "",
         blind_key=BLIND_KEY if drawn["blind"] else "",
         why=WHY if "gain" in drawn else "",
         quality=_quality(summary),
@@ -157,7 +159,7 @@ def _charts(
     cameras = recording.rig.titles
     shares = duty(records, len(cameras)).tolist()
     charts = {
-        "strips": figures.strips(drawn),
+        "strips": None if summary.all_looked else figures.strips(drawn),
         "energy": summary.energy and figures.energy_bars(summary.energy, cameras),
         "duty": figures.duty_bars(shares, budget(summary, len(cameras)), [*cameras.values()]),
     }
@@ -241,8 +243,11 @@ def _settings(recording: Recording, summary: Summary, lead: str | None) -> str:
     settings["policy"] = summary.policy
     if lead:
         settings["lead_slots"] = lead
+    left_out = OF_SELECTION if summary.all_looked else ()
     rows |= {
-        SETTING_WORDS[key]: _setting(settings[key]) for key in SETTING_WORDS if key in settings
+        words: _setting(settings[key])
+        for key, words in SETTING_WORDS.items()
+        if key in settings and key not in left_out
     }
     return "".join(
         f"<tr><td class='soft'>{shown_text(key)}</td><td>{shown_text(value, 2000)}</td></tr>"
@@ -352,7 +357,7 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
     seen = "found" if max(counts) == 0 else f"followed in {plural(num_cameras, 'camera')}"
     mean = duty(records, num_cameras).sum()
     if summary.all_looked:
-        return [f"{who} {seen}, for {long}.", "All cameras looked all the time."]
+        return [f"{who} {seen}, for {long}.", "All cameras were active in every slot."]
     looked = f"On average {mean:.1f} of {num_cameras} cameras were active."
     saved = "" if summary.savings == NO_SAVINGS else f" {summary.savings.sentence()}."
     return [f"{who} {seen}, for {long}.", f"{looked}{saved}"]
@@ -360,10 +365,8 @@ def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summa
 
 def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
     """Say what the headline does not, without the notes of the run; no markup."""
-    said = [
-        f"{plural(len(records), 'slot')} of {1000 * recording.interval_s:.3g} ms, "
-        f"policy {summary.policy}."
-    ]
+    policy = "" if summary.all_looked else f", policy {summary.policy}"
+    said = [f"{plural(len(records), 'slot')} of {1000 * recording.interval_s:.3g} ms{policy}."]
     if share := np.mean([len(record.people) > 0 for record in records] or [False]):
         said.append(f"People present in {100 * share:.0f} % of the slots.")
     elif records:
@@ -394,7 +397,8 @@ def cards(
     for name, saved in summary.savings.named():
         if saved is not None and not summary.all_looked:
             found.append((f"{whole(saved.percent)} %", f"{name} saved ({saved.basis})"))
-    metrics, slot_ms = summary.metrics, summary.stage_ms.get("slot")
+    metrics = summary.metrics
+    slot_ms = None if summary.all_looked else summary.stage_ms.get("slot")
     pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")
     held_out = summary.held_out
     for value, form, meaning in (
