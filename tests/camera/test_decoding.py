@@ -252,11 +252,8 @@ def test_network_camera_decodes_what_is_needed(
 @each_case(
     ("options", "note"),
     [
-        (
-            {"bf": "2", "g": "30"},
-            "decoded, also where nobody looks: it has B-frames",
-        ),
-        ({"bf": "0", "g": "55"}, "looks: a key frame comes every 2.2 s, not every second"),
+        ({"bf": "2", "g": "30"}, "decoded, also those of idle slots: it has B-frames"),
+        ({"bf": "0", "g": "55"}, "slots: a key frame comes every 2.2 s, not every second"),
     ],
 )
 def test_network_camera_that_costs_more_than_it_has_to_is_told(

@@ -143,7 +143,7 @@ def test_uncertain_parts_energy_and_notices_are_said_in_words(page: Page, home: 
     assert page.shows("notices", "The edge is too slow for its slots.")
     assert page.shows("energy", "about 15.0 W") and "modelled" in page.text("energy")
     assert "batteries last at this power" in page.text("energy") and "(50 %" in page.text("energy")
-    against = "compared with all cameras always on."
+    against = "compared with all cameras always active."
     assert page.text("saved") == (
         f"Saved since the start, whole camera: 0.8 Wh (27 %) {against} Modelled."
     )

@@ -26,7 +26,7 @@ ON_DEMAND = ("h264", "hevc", "mjpeg")  # whose key frames need nothing of what w
 DUTY = 0.5  # of the time between two frames, for packets that wait
 NEWEST = 0.05  # weight of the newest packet in what one takes
 # What a camera says that costs more than it has to.
-WHOLE = "{}: all pictures are decoded, also where nobody looks: {}"
+WHOLE = "{}: all pictures are decoded, also those of idle slots: {}"
 
 
 def decode_bounded(packet: Any) -> list[Any]:

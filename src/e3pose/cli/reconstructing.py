@@ -71,8 +71,8 @@ class Options:
     """How many people there are: others are left out, and each keeps one number over all gaps."""
     sync: Literal["auto", "sound", "people", "none"] = "auto"
     """How to find the time between films: by sound, by the people, or none because they began
-    together. Default: sound where all films have the same, else people where there is no
-    calibration, else none."""
+    together. Default: by sound if all films have sound, otherwise by the people if there is no
+    calibration, otherwise none."""
     trim: str | None = None
     """Part of the films to use, such as 3s:40s."""
     model: str = AUTO
@@ -120,7 +120,7 @@ def reconstruct_films(
     jobs: Annotated[Whole | None, Parameter(group=Group("Trials"))] = None,
     cluster: Annotated[str | None, Parameter(group=Group("Trials"))] = None,
 ) -> None:
-    """Make 3D poses, joint angles and a report of films: all cameras, smoothed, all files.
+    """Make 3D poses, joint angles and a report from films, for one trial or many.
 
     Example: `e3pose reconstruct cam1.mp4 cam2.mp4 cam3.mp4 --calibration calibration.toml`
 
@@ -129,9 +129,9 @@ def reconstruct_films(
     Example: `e3pose reconstruct TRIALS --calibration calibration.toml`
 
     It finds the time between the films, detects people, calibrates from them where there is no
-    calibration, replays with all cameras and all later slots, judges itself by cameras that take no
-    part, and writes TRC, C3D, MOT, CSV and glTF. Each step prints its command, and is left out the
-    next time if nothing it reads has changed. `reconstruct.toml` in the results repeats them:
+    calibration, estimates poses from all cameras, smooths them, checks them with each camera held
+    out in turn, and writes TRC, C3D, MOT, CSV and glTF. Each step prints its command, and is
+    skipped the next time unless its inputs changed. `reconstruct.toml` in the results repeats all:
     `e3pose reconstruct RESULTS/reconstruct.toml --out again`.
 
     Parameters

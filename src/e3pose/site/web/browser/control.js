@@ -24,7 +24,7 @@ export function Control() {
   };
   return html`<section id="control" aria-labelledby="control-title"><h2 id="control-title">Control</h2>
     <form id="loop" ref=${form} onSubmit=${send}>
-      <label>Cameras that look at a time <output id="cameras-out">${byTarget ? "by target" : value.cameras}</output>
+      <label>Active cameras per slot <output id="cameras-out">${byTarget ? "by target" : value.cameras}</output>
         <input id="cameras" type="range" min="0.5" step="0.5" max=${known.room.cameras.length} value=${value.cameras} onInput=${keep("cameras")}
           onChange=${(event) => control("/api/control/loop", { cameras: Number(event.target.value) }).then(() => type({}))} /></label>
       <label>or as many as keep the error below, mm <input id="target" type="number" min="1" max="1000" step="1" value=${value.target} onInput=${keep("target")} /></label>

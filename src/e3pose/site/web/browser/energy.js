@@ -19,7 +19,7 @@ function wattsNow(cameras) {
 }
 
 // One of the two savings, as every page and terminal shows it: a whole percent and its basis.
-const saved = (one) => html`${Math.round(Number(one.percent.toFixed(6)))} %) compared with all cameras always on. ${one.basis === "measured" ? "Measured" : "Modelled"}.`;
+const saved = (one) => html`${Math.round(Number(one.percent.toFixed(6)))} %) compared with all cameras always active. ${one.basis === "measured" ? "Measured" : "Modelled"}.`;
 
 function Saved() {
   const [today, setToday] = useState(null), { stored, slots_per_s, fps } = known.room;

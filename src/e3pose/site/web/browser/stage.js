@@ -50,7 +50,7 @@ export function Stage() {
     <div id="options">
       <${When} />
       ${box("sure", "how sure (discs)")} ${box("trails", "paths")}
-      <details class="help"><summary>Moving the view</summary><p id="turning">Drag or arrow keys: turn. Shift-drag or two fingers: move. Wheel, pinch, + and −: zoom. Double-click or 0: as at first. The grid is 1 m. A disc holds its joint in nine of ten cases; a path is of the last 4 s. Cameras are dark while active, light while idle, red while offline.</p></details>
+      <details class="help"><summary>Moving the view</summary><p id="turning">Drag or arrow keys: turn. Shift-drag or two fingers: move. Wheel, pinch, + and −: zoom. Double-click or 0: as at first. The grid is 1 m. A disc holds its joint in nine of ten cases; a path is of the last 4 s. Active cameras stand out, idle ones are faint, offline ones red.</p></details>
     </div>
   </section>`;
 }

@@ -61,7 +61,7 @@ export function Change() {
     ${done && html`<p id="said" class="notice" role="status">${done.said} ${done.restart && running() && html`<button type="button" id="restart" onClick=${restart}>Restart now</button>`}</p>`}
     <form id="settings" onSubmit=${save}>
       <fieldset><legend>Goal</legend>
-        <label class="row"><input type="radio" name="goal" checked=${!byError} onChange=${() => type((now) => ({ ...now, goal: "cameras" }))} /> Cameras that look at a time <input id="cameras-count" type="number" min="0.5" max=${settings.most} step="0.5" aria-label="Cameras that look at a time" value=${value("cameras") || 2} disabled=${byError} onInput=${keep("cameras")} /></label>
+        <label class="row"><input type="radio" name="goal" checked=${!byError} onChange=${() => type((now) => ({ ...now, goal: "cameras" }))} /> Active cameras per slot <input id="cameras-count" type="number" min="0.5" max=${settings.most} step="0.5" aria-label="Active cameras per slot" value=${value("cameras") || 2} disabled=${byError} onInput=${keep("cameras")} /></label>
         <label class="row"><input type="radio" name="goal" id="by-error" checked=${byError} onChange=${() => type((now) => ({ ...now, goal: "error" }))} /> As few as keep the error below <input id="target_error" aria-label="Error to keep below" value=${value("target_error")} placeholder="40mm" maxlength="20" disabled=${!byError} onInput=${keep("target_error")} /></label>
         ${text("budget", "Budget of each camera", "4W", "such as 60%, 4W, or until 18:00; empty for the usual one")}</fieldset>
       <fieldset><legend>Batteries, Wh</legend><p class="soft">0 for mains.</p>
