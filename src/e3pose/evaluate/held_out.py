@@ -105,8 +105,9 @@ SHIFTED = 0.7  # definition: share of a camera's distance that all its keypoints
 def doubts_of(held_out: HeldOut | None, reprojection: HeldOut) -> list[str]:
     """Return why poses should not be trusted, by what held-out cameras say; the worst first.
 
-    A camera in a wrong place pulls the poses by which the others are judged. `reprojection`, of
-    poses that all cameras made, tells which one does not fit.
+    A camera may also be far off because the others place people badly without it, or are pulled by
+    one in a wrong place: only one that does not fit in `reprojection`, of poses that all made, is
+    named.
     """
     if held_out is None:
         few = len(reprojection.cameras) <= MIN_CAMERAS
@@ -119,10 +120,9 @@ def doubts_of(held_out: HeldOut | None, reprojection: HeldOut) -> list[str]:
             f"Joints are {median_mm:.0f} mm off across the rays of cameras that took no part: "
             "check the calibration and the time between the films."
         )
-    odd = _odd_cameras(held_out)
-    causes = _odd_cameras(reprojection).keys() & odd.keys()
-    for name, (camera, others_mm) in odd.items():
-        if not causes or name in causes:
+    unfit = _odd_cameras(reprojection)
+    for name, (camera, others_mm) in _odd_cameras(held_out).items():
+        if name in unfit:
             doubts.append(
                 f"Camera {name} disagrees with the others ({camera.median_mm:.0f} mm, they "
                 f"{others_mm:.0f}): {_cause(name, camera)}"

@@ -15,6 +15,7 @@ import numpy as np
 
 from e3pose.base.atomic import write_file
 from e3pose.base.errors import InputError
+from e3pose.base.quantities import plural
 from e3pose.model.skeleton import COCO17, unused
 from e3pose.model.take import MEASURED, Take
 from e3pose.output.exports.base import ExportSettings
@@ -79,7 +80,8 @@ def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
     }
     write_file(dest, msgspec.json.encode(document), private=True)
     left = unused(take.skeleton.joints, COCO17.joints)
-    note = f"{len(images)} images of {len(settings.rig)} cameras, {len(annotations)} people"
+    people = plural(len(annotations), "person", "people")
+    note = f"{len(images)} images of {len(settings.rig)} cameras, {people}"
     return note + (f"; {left}" if left else "")
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from e3pose import __version__
 from e3pose.base.arrays import Flags, Floats
 from e3pose.base.atomic import atomic_file
+from e3pose.base.quantities import plural
 from e3pose.model.take import Take
 from e3pose.output.exports.base import ExportSettings, person_name
 from e3pose.output.exports.bone_names import bone_names
@@ -63,7 +64,7 @@ def write_gltf(take: Take, dest: Path, settings: ExportSettings) -> str:
             file.writelines(_binary(document, blob))
     frames = sum(map(len, take.motions))
     note = f"; {kept} of {frames} frames without a key for some bone" if kept else ""
-    return f"metres, y up, {len(take.motions)} people{note}"
+    return f"metres, y up, {plural(len(take.motions), 'person', 'people')}{note}"
 
 
 class _Keys:

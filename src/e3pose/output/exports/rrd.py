@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.base.atomic import atomic_file
+from e3pose.base.quantities import plural
 from e3pose.model.take import Take
 from e3pose.output.exports.base import ExportSettings, person_name
 
@@ -39,4 +40,4 @@ def write_rrd(take: Take, dest: Path, settings: ExportSettings) -> str:
             stream.log(place, rerun.Clear(recursive=True))
         stream.flush()
         stream.disconnect()
-    return f"{len(take.motions)} people, metres, z up"
+    return f"{plural(len(take.motions), 'person', 'people')}, metres, z up"
