@@ -105,11 +105,12 @@ class People:
         Besides `known` fields they have numbers of rows, are measured where they have a score, and
         nothing else is known of them.
         """
+        if "sigma_m" not in known:
+            known["sigma_m"] = np.full(scores.shape, np.nan)
         people = object.__new__(cls)
-        unknown_m = np.full(scores.shape, np.nan)
-        values = np.arange(len(scores)), joints_m, scores, scores > 0, unknown_m, None, None
-        for item, value in zip(fields(cls), values, strict=True):
-            object.__setattr__(people, item.name, known.get(item.name, value))
+        values = np.arange(len(scores)), joints_m, scores, scores > 0, None, None, None
+        for name, value in zip(cls.__slots__, values, strict=True):
+            object.__setattr__(people, name, known.get(name, value))
         return people
 
     @classmethod

@@ -69,11 +69,11 @@ def carry(
                     break
                 for entry in range(6):
                     information[entry] = 0.0
-                    for camera in range(num_cameras):
-                        if ordered[slot, camera]:
-                            information[entry] += (
-                                shares[slot, camera] * views[camera, track, joint, entry]
-                            )
+                for camera in range(num_cameras):
+                    if ordered[slot, camera]:
+                        share = shares[slot, camera]
+                        for entry in range(6):
+                            information[entry] += share * views[camera, track, joint, entry]
                 if information[0] + information[3] + information[5] > 0.0:
                     _expect(A, B, C, information, room)
             _invert(A, room[0])

@@ -24,7 +24,7 @@ from e3pose.estimate.filter.motion import fading, foresee_joints, steer_all
 from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.estimate.filter.posterior import Grades, posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
-from e3pose.estimate.filter.shown import grade
+from e3pose.estimate.filter.shown import grade, grow
 from e3pose.estimate.filter.state import Belief, Model, known_of
 from e3pose.estimate.filter.tree import Tree
 from e3pose.model.people import People
@@ -58,11 +58,6 @@ class Looks:
 
     history: History
     times_s: Floats
-
-    def after(self, track_ids: Integers, joints_m: Floats, time_s: float) -> Looks:
-        """Return the looks after another one; arguments as of `History.after`."""
-        times_s = np.append(self.times_s[1:], time_s)
-        return Looks(self.history.after(track_ids, joints_m), times_s)
 
     def pace(self, interval_s: float) -> int:
         """Return the slots from one look to the next, at least 1."""
@@ -140,26 +135,42 @@ class Filtered:
         """See `Estimator.estimate`."""
         start = clock()
         belief, shown = self.step(self.model, memory.belief, views, time_s)
-        belief = replace(belief, next_id=_next_id(memory.belief, belief))
+        if (next_id := _next_id(memory.belief, belief)) != belief.next_id:
+            belief = replace(belief, next_id=next_id)
         identities = identify(memory.identities, memory.belief, belief, shown.track_ids, self.model)
         everybody = identities.of(belief.track_ids)
         rows = belief.track_ids.searchsorted(shown.track_ids)
-        grades = _graded(self.model, belief, rows, shown)
+        grades = Grades.empty(*shown.measured.shape)
+        grade(held_constants(self.model), rows, known_of(belief), shown.covariance_m2, grades)
         passed_s = belief.time_s - memory.belief.time_s
         lasting = memory.lasting.after(grades.share_of_biases(), passed_s)
-        grades = grades.grown(AT_ONCE * lasting.excess)
-        history, looks = memory.history.after(shown.track_ids, shown.joints_m), memory.looks
+        sigma_m = np.empty(shown.measured.shape)
+        factor = grow(AT_ONCE * lasting.excess, shown.covariance_m2, grades, sigma_m)
+        newest = shown.track_ids, shown.joints_m
+        history, looks = memory.history.after(*newest), memory.looks
         if any(view.unchanged_s <= 0 for view in views.values()):
-            looks = looks.after(shown.track_ids, shown.joints_m, belief.time_s)
-        people = replace(shown, track_ids=everybody[rows], full_covariance_m2=grades.stated_m2)
+            same = looks.history is memory.history  # while every slot has a look
+            looks = Looks(
+                history if same else looks.history.after(*newest),
+                np.append(looks.times_s[1:], belief.time_s),
+            )
+        people = People.unchecked(
+            shown.joints_m,
+            shown.scores,
+            track_ids=everybody[rows],
+            measured=shown.measured,
+            sigma_m=sigma_m,
+            full_covariance_m2=grades.stated_m2,
+            dynamics=shown.dynamics,
+        )
         estimate = Estimate(
             people,
-            replace(history, track_ids=people.track_ids),
+            History(people.track_ids, history.joints_m),
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
             posterior_of(memory.belief, belief, rows, grades, lasting.excess),
         )
-        factor = _factor(belief, shown.covariance_m2, grades.stated_m2)
+        factor = factor or stated_factor(belief)
         return FilterMemory(belief, identities, history, looks, factor, lasting), estimate
 
     def steer(self, memory: FilterMemory, predictor: Predictor, interval_s: float) -> FilterMemory:
@@ -206,28 +217,6 @@ def _next_id(before: Belief, belief: Belief) -> int:
     while number - 1 in unseen:
         number -= 1
     return number
-
-
-def _graded(model: Model, belief: Belief, rows: Integers, shown: People) -> Grades:
-    """Grade the tracks at `rows`, which are published."""
-    grades = Grades.empty(*shown.measured.shape)
-    grade(held_constants(model), rows, known_of(belief), shown.covariance_m2, grades)
-    return grades
-
-
-def _factor(belief: Belief, covariance_m2: Floats, stated_m2: Floats) -> float:
-    """Return `FilterMemory.factor`; of all tracks if none is published.
-
-    What is reported besides the belief's own covariance is thus expected of slots to come.
-    """
-    own_m, stated_m = _spread_m(covariance_m2), _spread_m(stated_m2)
-    return stated_m / own_m if own_m > 0 else stated_factor(belief)
-
-
-def _spread_m(covariance_m2: Floats) -> float:
-    """Return the sum of the standard deviations of all joints, without NaN."""
-    variances_m2 = covariance_m2[..., 0, 0] + covariance_m2[..., 1, 1] + covariance_m2[..., 2, 2]
-    return float(np.sqrt(variances_m2[np.isfinite(variances_m2)]).sum())
 
 
 def steer(

@@ -8,7 +8,6 @@ import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
 from e3pose.estimate.base import Posterior, Start
-from e3pose.estimate.filter.lasting import grown_m2
 from e3pose.estimate.filter.state import Belief
 
 
@@ -40,11 +39,6 @@ class Grades(NamedTuple):
         """Return the mean square of biases over the variance of a keypoint; NaN without people."""
         total, count = self.bias_share.tolist()
         return total / count if count else np.nan
-
-    def grown(self, excess: float) -> Grades:
-        """Return the published figures if errors last longer than stated (`filter.lasting`)."""
-        more_m2 = grown_m2(self.repeated_m2, self.lasting_m2, excess) - self.repeated_m2
-        return self._replace(stated_m2=self.stated_m2 + more_m2)
 
 
 def posterior_of(

@@ -240,3 +240,36 @@ def grade(
             for a in range(3):
                 for b in range(3):
                     grades.stated_m2[index, joint, a, b] = block[a, b] * factor**2 + repeated[a, b]
+
+
+@kernel
+def grow(excess: float, covariance_m2: Floats, grades: Grades, sigma_m: Floats) -> float:
+    """Grow what is stated, as far as errors last longer than the noise file says.
+
+    What is reported besides the belief's own covariance is expected of slots to come, too.
+
+    Args:
+        excess: as of `lasting.grown_m2`.
+        covariance_m2: as of `grade`.
+        grades: filled by `grade`; `stated_m2` is changed.
+        sigma_m: `(num_persons, num_joints)` filled with the stated deviation along an axis.
+
+    Returns:
+        All standard deviations as stated over those of `covariance_m2`; 0 where there are none.
+    """
+    own_m = stated_m = 0.0
+    for person in range(sigma_m.shape[0]):
+        for joint in range(sigma_m.shape[1]):
+            own_m2 = stated_m2 = 0.0
+            for a in range(3):
+                for b in range(3):
+                    repeated_m2 = grades.repeated_m2[person, joint, a, b]
+                    more_m2 = grades.lasting_m2[person, joint, a, b] - repeated_m2
+                    grades.stated_m2[person, joint, a, b] += excess * more_m2
+                own_m2 += covariance_m2[person, joint, a, a]
+                stated_m2 += grades.stated_m2[person, joint, a, a]
+            sigma_m[person, joint] = 0.0 if stated_m2 < 0.0 else math.sqrt(stated_m2 / 3)
+            if math.isfinite(own_m2) and math.isfinite(stated_m2):
+                own_m += math.sqrt(own_m2)
+                stated_m += math.sqrt(stated_m2)
+    return stated_m / own_m if own_m > 0.0 else 0.0
