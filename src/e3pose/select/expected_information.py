@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +80,8 @@ class Foresight:
         Args:
             subsets: `(num_subsets, num_cameras)`.
         """
-        nats = np.zeros(len(subsets))
-        if self.prior.size:
-            kernels.information(self.prior, self.views, self.new, self.weights, subsets, nats)
+        nats = np.empty(len(subsets))
+        kernels.information(self.prior, self.views, self.new, self.weights, subsets, nats)
         return nats
 
     def over_seconds(self) -> Foresight:
@@ -106,9 +106,8 @@ class Foresight:
         Args:
             chosen: `(num_cameras,)`.
         """
-        nats = np.zeros(len(chosen))
-        if self.prior.size:
-            kernels.gains(self.prior, self.views, self.new, self.weights, chosen, nats)
+        nats = np.empty(len(chosen))
+        kernels.gains(self.prior, self.views, self.new, self.weights, chosen, nats)
         return nats
 
     def expected_error_m(self, subsets: Flags) -> Floats:
@@ -179,8 +178,7 @@ def _terms(memory: ErrorMemory) -> MemoryTerms:
     return memory_terms(memory)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Entrants:
+class Entrants(NamedTuple):
     """Unexplained detections, as people that two cameras could start.
 
     Attributes:
@@ -207,7 +205,7 @@ class Entrants:
             subsets: `(num_subsets, num_cameras)`.
         """
         people = np.empty(len(subsets))
-        started(self.shares, self.others, self.weights, subsets, people)
+        started(self, subsets, people)
         return people
 
 
@@ -288,10 +286,9 @@ def pair_views(
 
 
 @kernel
-def started(
-    shares: Floats, others: Floats, weights: Floats, subsets: Flags, people: Floats
-) -> None:
-    """Fill `people` `(num_subsets,)`; other arguments as in `newcomers.Entrants`."""
+def started(entrants: Entrants, subsets: Flags, people: Floats) -> None:
+    """Fill `people` `(num_subsets,)` with `Entrants.starts`."""
+    shares, others, weights = entrants.shares, entrants.others, entrants.weights
     for row in range(len(subsets)):
         people[row] = 0.0
         for entrant in range(len(weights)):

@@ -27,8 +27,10 @@ def with_requested(decision: Selection, situation: Situation, request: LookReque
         request: what is asked for.
     """
     foresight = situation.foresight
+    if foresight is None or not request.cameras or decision.sum() >= request.cameras:
+        return decision
     free = situation.online & ~decision
-    if foresight is None or decision.sum() >= request.cameras or not free.any():
+    if not free.any():
         return decision
     decision, asked = decision.copy(), asked_for(foresight, request)
     while decision.sum() < request.cameras and free.any():

@@ -96,7 +96,7 @@ def test_somebody_unexplained_pulls_in_cameras_that_see_the_same_ground() -> Non
     assert chosen(Information(2).select(situation(seen))) == [1, 2]
     aiming = Information(1, target_error_m=1.0)
     assert len(chosen(aiming.select(situation(seen)))) == 2
-    met = foresight([30, 25, 0], sigma_m=0.05, entrants=replace(new, weights=np.array([0.1])))
+    met = foresight([30, 25, 0], sigma_m=0.05, entrants=new._replace(weights=np.array([0.1])))
     assert chosen(Information(2, phase=1).select(situation(met))) == [0, 1]
     assert chosen(aiming.select(situation(met))) == []
 

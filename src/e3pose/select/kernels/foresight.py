@@ -205,16 +205,20 @@ def information(
         for joint in range(num_joints):
             for entry in range(6):
                 first[entry, joint] = prior[track, joint, entry]
-                for camera in range(len(views)):
-                    share = new[camera, track]
+        for camera in range(len(views)):  # in the order of memory
+            share = new[camera, track]
+            for joint in range(num_joints):
+                for entry in range(6):
                     added[camera, entry, joint] = share * views[camera, track, joint, entry]
         _determinants(first, before)
         for row in range(len(subsets)):
             _add_all(first, added, subsets[row], after)
             _determinants(after, dets)
+            for joint in range(num_joints):
+                dets[joint] /= before[joint]
             logs, product = 0.0, 1.0
             for joint in range(num_joints):
-                product *= dets[joint] / before[joint]
+                product *= dets[joint]
                 if product > MOST_PRODUCT:
                     logs += math.log(product)
                     product = 1.0

@@ -19,7 +19,9 @@ from math import comb
 import numpy as np
 
 from e3pose.base.arrays import Flags, Floats
-from e3pose.select.expected_information import Foresight
+from e3pose.base.kernel import kernel
+from e3pose.select.expected_information import Entrants, Foresight, started
+from e3pose.select.kernels.foresight import information
 from e3pose.select.policies.base import Selection, Situation, count_at
 from e3pose.select.policies.fixed import RoundRobin
 
@@ -75,11 +77,12 @@ class Information:
             aim = situation.stated.aim_m(self.target_error_m)
             return self._fewest(situation, foresight, aim)
         count = count_at(situation.slot, self.num_selected)
-        best = self._best(situation, foresight, situation.online, count)
-        turn = self._turn(situation)
         worth = self.quality_weight * watch_nats(situation) - situation.price
-        both = np.stack([best, turn])
-        value = self.quality_weight * worth_nats(foresight, both) + both @ worth
+        best = self._best(foresight, situation.online, count, worth)
+        turn = self._turn(situation)
+        both = np.array([best, turn])
+        nats = foresight.information(both) + ENTRANT_NATS * foresight.entrants.starts(both)
+        value = self.quality_weight * nats + both @ worth
         least = self.quality_weight * LEAST_NATS_S / situation.interval_s
         better = value[0] - value[1] > least
         return best if better else turn
@@ -87,35 +90,34 @@ class Information:
     def _turn(self, situation: Situation) -> Selection:
         """Return the cameras of this turn; cameras far ahead of their budgets come last."""
         allowed = situation.online & affordable(situation)
-        if allowed.sum() < min(self.num_selected, situation.online.sum()):
+        enough = min(self.num_selected, int(np.count_nonzero(situation.online)))
+        if np.count_nonzero(allowed) < enough:
             allowed = situation.online
         turns = RoundRobin(self.num_selected, self.phase, self.order)
         return turns.select(replace(situation, online=allowed))
 
-    def _best(
-        self, situation: Situation, foresight: Foresight, allowed: Flags, count: int
-    ) -> Selection:
-        """Return the best `count` of the cameras `allowed`, or all if they are fewer."""
+    def _best(self, foresight: Foresight, allowed: Flags, count: int, worth: Floats) -> Selection:
+        """Return the best `count` of the cameras `allowed`, or all if they are fewer.
+
+        `worth` is what each camera is worth besides its information.
+        """
         candidates = _in_turn(tuple(allowed.tolist()), self.phase % len(allowed))
         count = min(count, len(candidates))
-        worth = self.quality_weight * watch_nats(situation) - situation.price
-        if comb(len(candidates), count) <= MOST_SUBSETS:
-            selections = _selections(len(allowed), candidates, count)
-            value = self.quality_weight * worth_nats(foresight, selections) + selections @ worth
-            return np.array(selections[int(np.argmax(self._rounded(value)))])
-        selection = np.zeros(len(allowed), dtype=bool)
-        for _ in range(count):
-            free = np.array([camera for camera in candidates if not selection[camera]])
-            tried = np.repeat(selection[None], len(free), axis=0)
-            tried[np.arange(len(free)), free] = True
-            value = self.quality_weight * worth_nats(foresight, tried) + worth[free]
-            selection[free[int(np.argmax(self._rounded(value)))]] = True
-        return selection
-
-    def _rounded(self, value: Floats) -> Floats:
-        """Return rounded values, so that the phase decides between nearly equal ones."""
-        step = max(NEAR_NATS * self.quality_weight, 1e-9)
-        return np.asarray(np.round(value / step))
+        few = comb(len(candidates), count) <= MOST_SUBSETS
+        chosen = np.zeros(len(allowed), dtype=bool)
+        choose(
+            foresight.prior,
+            foresight.views,
+            foresight.new,
+            foresight.weights,
+            foresight.entrants,
+            worth,
+            float(self.quality_weight),
+            _selections(len(allowed), candidates, count if few else 1),
+            1 if few else count,
+            chosen,
+        )
+        return chosen
 
     def _fewest(self, situation: Situation, foresight: Foresight, target_m: float) -> Selection:
         """Return the fewest cameras that are expected to meet the target, or that still help.
@@ -124,7 +126,8 @@ class Information:
         between the two numbers, so that the mean over the slots meets it.
         """
         allowed = situation.online & affordable(situation)
-        everyone = self._best(situation, foresight, allowed, int(allowed.sum()))
+        worth = self.quality_weight * watch_nats(situation) - situation.price
+        everyone = self._best(foresight, allowed, int(allowed.sum()), worth)
         all_error_m = foresight.expected_error_m(everyone[None])[0]
         enough_m = max(target_m, all_error_m * (1 + NO_BETTER))
         stale = situation.unseen_slots[allowed].min(initial=10**9) * situation.interval_s
@@ -132,7 +135,7 @@ class Information:
         least = max(least, 2 if foresight.entrants.weights.sum() > UNMET_PEOPLE else 0)
         fewer, error_of_fewer_m = everyone, np.nan
         for count in range(least, int(allowed.sum())):
-            selection = self._best(situation, foresight, allowed, count)
+            selection = self._best(foresight, allowed, count, worth)
             error_m = foresight.expected_error_m(selection[None])[0]
             if np.isnan(error_m) or error_m <= enough_m:
                 share = (error_of_fewer_m - enough_m) / (error_of_fewer_m - error_m)
@@ -148,10 +151,55 @@ def affordable(situation: Situation) -> Flags:
     return np.asarray(situation.deficit <= max(1.0, BURST_S / situation.interval_s))
 
 
-def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
-    """Return `(num_subsets,)` value of sets: information, and tracks started."""
-    starts = ENTRANT_NATS * foresight.entrants.starts(subsets)
-    return np.asarray(foresight.information(subsets) + starts)
+@kernel
+def choose(
+    prior: Floats,
+    views: Floats,
+    new: Floats,
+    weights: Floats,
+    entrants: Entrants,
+    worth: Floats,
+    quality_weight: float,
+    subsets: Flags,
+    rounds: int,
+    chosen: Flags,
+) -> None:
+    """Add the best of some sets to `chosen`, in each round one.
+
+    Values are rounded, so that the first of nearly equal sets is taken.
+
+    Args:
+        prior: of `Foresight`, like all up to `entrants`.
+        views: see `prior`.
+        new: see `prior`.
+        weights: see `prior`.
+        entrants: see `prior`.
+        worth: `(num_cameras,)` of each camera besides its information.
+        quality_weight: of `Information`.
+        subsets: `(num_subsets, num_cameras)`.
+        rounds: how many are added.
+        chosen: `(num_cameras,)` filled, none before.
+    """
+    tried = np.empty(subsets.shape, np.bool_)
+    nats, people = np.empty(len(tried)), np.empty(len(tried))
+    for _ in range(rounds):
+        for row in range(len(subsets)):
+            for camera in range(len(chosen)):
+                tried[row, camera] = chosen[camera] or subsets[row, camera]
+        information(prior, views, new, weights, tried, nats)
+        started(entrants, tried, people)
+        best, most = 0, -np.inf
+        for row in range(len(subsets)):
+            value, adds = quality_weight * (nats[row] + ENTRANT_NATS * people[row]), False
+            for camera in range(len(chosen)):
+                if subsets[row, camera]:
+                    value += worth[camera]
+                    adds = adds or not chosen[camera]
+            value = np.rint(value / max(NEAR_NATS * quality_weight, 1e-9))
+            if adds and value > most:
+                best, most = row, value
+        for camera in range(len(chosen)):
+            chosen[camera] = tried[best, camera]
 
 
 def watch_nats(situation: Situation) -> Floats:
