@@ -29,7 +29,7 @@ LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
 def site(tmp_path_factory: pytest.TempPathFactory, page: Page) -> Iterator[tuple[Edge, View, Page]]:
     """An edge with three cameras, its view, and a browser."""
     folder = tmp_path_factory.mktemp("site")
-    recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
+    recording = simulate(SceneSettings(people=2, seconds=4, fps=6.0, cameras=3), seed=1)
     site_file = write_recorded(folder / "site", recording)
     # Not falls: one that is unsure would have a second camera look.
     site_file.write_text(site_file.read_text() + '\n[events]\nkinds = ["waved"]\n')
