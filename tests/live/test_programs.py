@@ -95,12 +95,19 @@ def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[Path]:
-    """The file of a site that `up` runs, and Ctrl-C ends: nobody keeps what it wrote in."""
+    """The file of a site that `up` runs, and Ctrl-C ends: nobody keeps what it wrote in.
+
+    It runs quietly, with a page, and so prints where to look and nothing else.
+    """
     path = write_site(tmp_path_factory.mktemp("running"), recording)
     text = path.read_text().replace("fps = 20", "fps = 20\nsmooth_delay_ms = 100")
-    path.write_text(f'{text}\n[store]\npath = "live.db"\n')
-    with up(path, signal.SIGINT):
+    page = f"127.0.0.1:{free_port()}"
+    path.write_text(f'{text}\n[store]\npath = "live.db"\n[view]\nlisten = "{page}"\n')
+    with up(path, signal.SIGINT, "--quiet", "--view") as lines:
         yield path
+    see, control = lines
+    assert see == f"See the site:     http://{page}/"
+    assert control.startswith(f"Control the site: http://{page}/#token=")
     assert not list(path.parent.glob(".*.lock"))
 
 
@@ -217,6 +224,7 @@ def test_top_of_a_site_that_does_not_run(
     assert code == 2 and err.count("\n") == 1 and "the edge of site lab does not answer" in err
 
 
+@pytest.mark.nightly  # tests/wire/test_network_access.py has it without programs
 def test_two_sites_share_one_router(tmp_path: Path, recording: Path) -> None:
     """The cameras of the second site know only the router, which is the edge of the first."""
     paths: list[Path] = []
@@ -333,14 +341,3 @@ def test_wrong_site_files_are_one_line_that_says_what(
         assert ended.value.code == 2, err
         assert err.count("\n") == 1 and message in err and err.startswith("e3pose: "), err
     assert sorted(os.listdir(tmp_path)) in (["calibration.toml", "site.toml"], ["calibration.toml"])
-
-
-def test_quiet_site_with_a_view_prints_where_to_look(tmp_path: Path, recording: Path) -> None:
-    path = write_site(tmp_path, recording)
-    port = free_port()
-    path.write_text(f'{path.read_text()}\n[view]\nlisten = "127.0.0.1:{port}"\n')
-    code, out, err = run("up", str(path), "--quiet", "--view", "--for", "1", seconds=90)
-    assert (code, err) == (0, "")
-    see, control = out.splitlines()
-    assert see == f"See the site:     http://127.0.0.1:{port}/"
-    assert control.startswith(f"Control the site: http://127.0.0.1:{port}/#token=")
