@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -168,10 +169,13 @@ def _c3d(folder: Path, track: int, of: Skeleton = WHOLE) -> dict[int, Floats]:
     return {begin + frame: places[:, frame] for frame in range(places.shape[1])}
 
 
+gltf = cache(Gltf)  # once for all tracks
+
+
 def _glb(
     folder: Path, track: int, there: dict[int, Floats], of: Skeleton = WHOLE
 ) -> dict[int, Floats]:
-    file, found = Gltf(folder / "walk.glb"), {}
+    file, found = gltf(folder / "walk.glb"), {}
     first = min(_c3d(folder, track, of))
     nodes = [file.names.index(f"track{track}_{joint}") for joint in of.joints]
     for slot in list(there)[:40:6]:

@@ -149,6 +149,14 @@ class Gltf:
         self.names = [node.name for node in self.file.nodes]
         nodes = enumerate(self.file.nodes)
         self.parents = {child: index for index, node in nodes for child in node.children}
+        (animation,) = self.file.animations
+        self.keys: dict[tuple[int, str], tuple[Floats, Floats, str]] = {}
+        for channel in animation.channels:
+            sampler = animation.samplers[channel.sampler]
+            times, values = self.array(sampler.input)[:, 0], self.array(sampler.output)
+            assert (np.diff(times) > 0).all()
+            target = channel.target.node, channel.target.path
+            self.keys[target] = times, values, sampler.interpolation
 
     def array(self, index: int) -> Floats:
         accessor = self.file.accessors[index]
@@ -158,21 +166,10 @@ class Gltf:
         found = np.frombuffer(self.blob, kind, accessor.count * width, view.byteOffset)
         return found.reshape(accessor.count, width).astype(np.float64)
 
-    def keys(self, node: int, path: str) -> tuple[Floats, Floats, str] | None:
-        (animation,) = self.file.animations
-        for channel in animation.channels:
-            if (channel.target.node, channel.target.path) == (node, path):
-                sampler = animation.samplers[channel.sampler]
-                times = self.array(sampler.input)[:, 0]
-                assert (np.diff(times) > 0).all()
-                return times, self.array(sampler.output), sampler.interpolation
-        return None
-
     def value(self, node: int, path: str, time_s: float, otherwise: list[float]) -> Floats:
-        found = self.keys(node, path)
-        if found is None:
+        if (node, path) not in self.keys:
             return np.array(otherwise)
-        times, values, between = found
+        times, values, between = self.keys[node, path]
         if between == "STEP":
             return np.asarray(values[max(int(np.searchsorted(times, time_s + 1e-6)) - 1, 0)])
         return np.asarray(values[int(np.abs(times - time_s).argmin())])
@@ -211,7 +208,7 @@ def test_gltf_moves_joints_and_hides_who_is_away(tmp_path: Path, suffix: str) ->
     top = file.names.index("track7")
     shown = [file.value(top, "scale", frame / 25, [])[0] for frame in (5, 6, 39, 40)]
     assert shown == [0.0, 1.0, 1.0, 0.0]  # from frame 6 to the end
-    keys = file.keys(file.names.index("track3_left_elbow"), "rotation")
+    keys = file.keys.get((file.names.index("track3_left_elbow"), "rotation"))
     assert keys is not None
     assert len(keys[0]) == NUM_FRAMES - (MISSING_FRAMES.stop - MISSING_FRAMES.start)
 
@@ -280,12 +277,12 @@ def test_fingers_turn_and_are_where_they_were(tmp_path: Path) -> None:
                 shown = np.array([file.world(node, frame / 25)[1] for frame in range(NUM_FRAMES)])
                 for found in (world[:, names.index(part)], shown):
                     assert np.abs(found - wanted)[known].max() < 1e-4, part
-                keys = file.keys(node, "translation")
+                keys = file.keys.get((node, "translation"))
                 assert keys is not None
                 off_mm = 1000 * np.abs(keys[1] - file.file.nodes[node].translation)
                 assert np.median(off_mm) < 0.1, part  # turns bring it there
                 if number < 4:
-                    assert file.keys(node, "rotation") is not None
+                    assert (node, "rotation") in file.keys
     rest = {name: offset for name, offset in zip(names, offsets, strict=True) if name != "Site"}
     assert rest["left_index2"][0] > 0.03 and rest["right_index2"][0] < -0.03  # in a T-pose
     assert rest["left_thumb2"][2] > 0.01 < rest["right_thumb2"][2]
