@@ -1,4 +1,4 @@
-"""What operators change: requests to the edge, which decides, and names and colours of people."""
+"""Changes by operators: requests to the edge, which decides, and names and colours of people."""
 
 from __future__ import annotations
 
