@@ -15,7 +15,7 @@ from lies import Lie
 
 pytestmark = pytest.mark.slow
 
-SECONDS, BEGUN = 44.0, 150  # slots until the edge has noticed
+SECONDS, BEGUN = 34.0, 150  # slots until the edge has noticed
 ALONE_S = 20.0  # without any link
 
 
@@ -29,7 +29,7 @@ def lossy(share: float, cameras: int) -> Kept:
     return run(Lie("lossy", {View: change}), cameras, SECONDS)
 
 
-@each_case("share, cameras", [(0.75, 1), (0.6, 2), (0.2, 2)])
+@each_case("share, cameras", [(0.75, 1), (0.2, 2)])
 def test_camera_that_loses_views_harms_nobody(share: float, cameras: int) -> None:
     kept, gone = lossy(share, cameras), lossy(0.0, cameras)
     # One mistaken identity doubles the mean; of the median, 1.1 is exceeded by one seed of six.
@@ -38,7 +38,7 @@ def test_camera_that_loses_views_harms_nobody(share: float, cameras: int) -> Non
     assert max(kept.leads) <= 3
 
 
-@each_case("share, cameras", [(0.75, 1), (0.6, 2)])
+@each_case("share, cameras", [(0.75, 1)])
 def test_camera_that_brings_most_views_is_used(share: float, cameras: int) -> None:
     kept, usual, gone = (lossy(share, cameras) for share in (share, 1.0, 0.0))
     assert np.mean(kept.others[BEGUN:]) >= 0.85 * share * np.mean(usual.others[BEGUN:])
@@ -57,10 +57,10 @@ def test_camera_on_a_slow_link_is_followed(cameras: int) -> None:
     [(LINK_NS / 1e9, 2), pytest.param(0.4, 1, marks=pytest.mark.nightly)],
 )
 def test_camera_that_was_away_for_long_comes_back(after_s: float, cameras: int) -> None:
-    seconds = ALONE_S + 64.0
+    seconds = ALONE_S + 44.0
     kept = run(
         liars=cameras, seconds=seconds, link_s=lambda since_s: 5.0 if since_s < ALONE_S else after_s
     )
     assert max(kept.others[100:200]) == 0  # nothing moves the others meanwhile
-    assert np.mean(kept.others[-200:]) >= 0.7 * np.mean(lossy(1.0, cameras).others[BEGUN:])
+    assert np.mean(kept.others[-150:]) >= 0.7 * np.mean(lossy(1.0, cameras).others[BEGUN:])
     assert max(kept.leads[60:240]) == 2

@@ -91,9 +91,8 @@ def scheme(name: str, liars: int) -> None:
 
 CASES = [*zip(SCHEMES, cycle([1, 2]), strict=False)]  # each costs seconds
 ONE_OF_EACH_KIND = (  # the others lie between these
-    "late orders, no view", "one view in 3", "orders take 0.4 s, no view",
-    "orders take 0.7 s, views come", "wakes in 3600 s, no view", "views of the year 2100",
-    "a megawatt", "a crowd in every view", "another program each time",
+    "one view in 3", "orders take 0.4 s, no view", "wakes in 3600 s, no view",
+    "views of the year 2100", "a megawatt", "a crowd in every view",
 )  # fmt: skip
 
 
