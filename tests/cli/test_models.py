@@ -53,8 +53,9 @@ def test_list_tells_licence_size_and_what_is_here(
     assert "not installed" in rows["openpose-thin"] and "7.8 MB" in rows["openpose-thin"]
     assert "Apache-2.0" in rows["movenet-multipose"]
     assert "your own file" in rows["trt-pose"] and "AGPL" in rows["yolo-pose"]
-    never = {name for name, row in rows.items() if " never ran " in row}
-    assert never == set(MODELS) - {"movenet-multipose", "openpose-thin"}
+    fetched, own = ({n for n, r in rows.items() if f" never {w} " in r} for w in ("fetched", "ran"))
+    assert fetched | own == set(MODELS) - {"movenet-multipose", "openpose-thin"}
+    assert {"rtmpose-body", "rtmw-133"} < fetched and {"rf-detr", "trt-pose"} < own
     put(cache, WEIGHTS)
     run("models", "list")
     rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}

@@ -22,6 +22,7 @@ from e3pose import __version__
 from e3pose.base.errors import Exit, Fault, InputError, exit_code, reason_of
 from e3pose.base.installing import not_installed
 from e3pose.base.masking import masked
+from e3pose.base.quantities import plural
 from e3pose.base.system import END_SIGNALS
 from e3pose.cli.distributions import EXTRAS as DISTRIBUTIONS
 from e3pose.cli.distributions import other_verb, with_lab
@@ -238,7 +239,7 @@ class _Help(DefaultFormatter):
         if self._asked in (wanted, HELP_ALL):
             super().__call__(console, options, panel)
         elif title in EXPERT and self._asked == "--help":
-            console.print(f" {title}: {len(panel.entries)} options, see {wanted}")
+            console.print(f" {title}: {plural(len(panel.entries), 'option')}, see {wanted}")
 
 
 def _interrupt(number: int, _frame: object) -> NoReturn:

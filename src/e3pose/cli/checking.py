@@ -34,10 +34,10 @@ def check(
 
     Example: `e3pose check site.toml`, and on a camera `e3pose check camera.toml`
 
-    Of a site: calibration, also by people who were stored or recorded with it, skeletons, budgets,
-    certificates, the frames that sources bring, networks and how long they take here, disks,
-    clock, connected cameras. Of a camera: source, network, clock, certificate, and the route to
-    the edge. Each finding comes with the command or setting that fixes it. Exit code: 0 if ready,
+    Checks of a site: calibration (also against stored or recorded people), skeletons, budgets,
+    certificates, frame rates of the sources, speed of the networks, disks, clock, connected
+    cameras. Checks of a camera: source, network, clock, certificate, and the route to the edge.
+    Each finding comes with the command or setting that fixes it. Exit code: 0 if ready,
     1 if there are problems, 2 if the file is invalid.
 
     Parameters
@@ -49,7 +49,7 @@ def check(
     timeout
         Seconds to wait for the edge, if it runs.
     quick
-        Do not measure how long the networks take, nor count frames.
+        Do not measure the speed of the networks and the frame rates.
     """
     check_seconds("--timeout", timeout)
     if is_camera_file(site):

@@ -80,7 +80,7 @@ class FormatOptions:
     """Rows of CSV and Parquet: long, one per joint (default); wide, one per person; archive,
     Parquet of whole millimetres, a tenth of the size, which `export` reads."""
     osim: Path | None = None
-    """OpenSim model that the set-up files of TRC scale. Default: one that is written beside."""
+    """OpenSim model that the set-up files of TRC scale. Default: one that is written with them."""
     calibration: Path | None = None
     """Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON."""
 

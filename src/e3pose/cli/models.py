@@ -37,7 +37,8 @@ def list_models() -> None:
         else:
             state = "installed" if is_installed(model.name) else "not installed"
         size = f"{model.size_bytes / 1e6:.1f} MB" if model.size_bytes else "-"
-        tried = "ran" if model.tried else "never ran"
+        untried = "never ran" if model.source is None else "never fetched"
+        tried = "ran" if model.tried else untried
         row = (state, size, model.licence, tried, model.title)
         for cells, cell in zip(columns.values(), row, strict=True):
             cells.append(cell)

@@ -52,7 +52,7 @@ HoldOut = Annotated[
     Parameter(
         negative="",
         show_default=False,
-        help="Judge by this camera, which gives nothing to the poses; repeatable. `each`: by "
+        help="Judge the poses by this camera, which takes no part in them; repeatable. `each`: by "
         "every camera in turn.",
     ),
 ]

@@ -64,10 +64,10 @@ def init(
 
     Example: `e3pose init room usb:by-id/NAME usb:2 rtsp://10.0.0.7/stream`
 
-    Reads one frame of each source, counts those of live sources for three seconds, measures how
-    long the network takes here with as many processes as there are cameras, and writes a commented
-    site folder with the slots per second, threads and deadline that fit. It says what is missing,
-    and the command for it.
+    Reads one frame of each source, measures the frame rate of live sources for three seconds and
+    the speed of the network with all cameras at work, and writes a commented site folder with the
+    slots per second, threads and deadline that fit. It says what is missing, and the command for
+    it.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def init(
         The folder to create.
     sources
         What the cameras see: a webcam as `e3pose init room` alone lists it, usb:0, rtsp://...,
-        http://..., a video. NAME=SOURCE names a camera. Webcams given by number are written by the
+        http://..., a video. NAME=SOURCE names a camera. Webcams given by number are saved under the
         names that they keep. Default: the webcams of this machine; on a terminal you are asked.
     detector
         2D pose network: a name from `e3pose models list`, a network file, or module:Name.

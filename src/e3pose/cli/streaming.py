@@ -40,7 +40,7 @@ def stream(
     keys: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
 ) -> None:
-    """Stream the poses and zone events of a running site to other programs.
+    """Stream poses and events live to OSC, LSL, VMC, Foxglove, MQTT, Home Assistant and others.
 
     Example: `e3pose stream site.toml osc://127.0.0.1:9000 mcap:today.mcap`
 
