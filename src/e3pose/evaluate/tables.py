@@ -85,17 +85,20 @@ FIGURE_NAMES = {
 def print_summary(summary: Summary, titles: Mapping[str, str] | None = None) -> None:
     """Print the figures of one replay and what every camera did, by their titles."""
     console = table_console()
-    title = f"policy {summary.policy}, {plural(summary.slots, 'slot')}"
+    policy = "all cameras" if summary.all_looked else f"policy {summary.policy}"
+    title = f"{policy}, {plural(summary.slots, 'slot')}"
     if summary.smooth is not None:
         title += f", smoothed ({summary.smooth})"
     figures = Table(title=title, title_justify="left", show_header=False)
     figures.add_column()
     figures.add_column(justify="right")
-    table = as_json(summary)
+    table, apart = as_json(summary), ["held_out", "savings"]  # said below
+    apart += ["energy", "selection", "stage_ms"] if summary.all_looked else []
     for heading, path, digits in COLUMNS:
-        value = None if path[0] in ("held_out", "savings") else find(table, path)  # said apart
+        value = None if path[0] in apart else find(table, path)
         if value is not None:
-            figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
+            shown = str(value) if isinstance(value, int) else f"{value:.{digits}f}"
+            figures.add_row(FIGURE_NAMES.get(heading, heading), shown)
     for doubt in summary.doubts:
         console.print(f"Do not trust this: {doubt}", style="red", soft_wrap=True)
     console.print(figures)
