@@ -124,8 +124,8 @@ def doubts_of(held_out: HeldOut | None, reprojection: HeldOut) -> list[str]:
     for name, (camera, others_mm) in _odd_cameras(held_out).items():
         if name in unfit:
             doubts.append(
-                f"Camera {name} disagrees with the others ({camera.median_mm:.0f} mm, they "
-                f"{others_mm:.0f}): {_cause(name, camera)}"
+                f"Camera {name} disagrees with the others ({camera.median_mm:.0f} mm, the "
+                f"others {others_mm:.0f}): {_cause(name, camera)}"
             )
     missed = held_out.mean.missed_percent or 0.0
     if missed > DOUBTFUL_MISSED:
@@ -149,9 +149,9 @@ def _cause(name: str, camera: HeldOutCamera) -> str:
     if np.hypot(x, y) < SHIFTED * (camera.median_px or np.inf):
         return "check when its film began (e3pose sync), then its calibration."
     return (
-        f"all its keypoints are off by ({x:+.0f}, {y:+.0f}) px, so it was moved, or its lens or "
-        "image size is not that of the calibration. `e3pose calibrate extrinsics RECORDING "
-        f"NEW.toml --only {name}` places it by the people; then use NEW.toml."
+        f"all its keypoints are off by ({round(x):+}, {round(y):+}) px, so it was moved, or its "
+        "lens or image size is not that of the calibration. `e3pose calibrate extrinsics "
+        f"RECORDING NEW.toml --only {name}` places it by the people; then use NEW.toml."
     )
 
 
