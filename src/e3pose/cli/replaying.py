@@ -173,7 +173,7 @@ def replay(
     cameras
         Cameras per slot C, a mean such as 1.5, or all. Default: 2 (paper: 3).
     delay
-        Smooth with the slots that follow within this time, such as 200ms.
+        Smooth with the next slots, for this time, such as 200ms.
     """
     smoothing = smooth.settings()
     if cameras == "all":
