@@ -15,7 +15,7 @@ from tests.simulate.filmed import film
 
 import e3pose
 from e3pose.base.errors import Exit, InputError
-from e3pose.cli import progress
+from e3pose.cli import progress, reconstructing
 
 DRAWN = ("--model", "drawn")
 
@@ -89,6 +89,23 @@ def test_the_state_repeats_the_result_to_the_byte(
     assert run(*words, "--until", "detect", "--trim", "0s:2s") == 0
     said = capsys.readouterr().out
     assert "--max-slots" in said and "poses: " not in said
+
+
+def test_what_a_format_cannot_hold_is_left_out(
+    films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Steps:
+        options, ran = reconstructing.Options(out=tmp_path), list[str]()
+
+        def run(self, name: str, words: list[object], *_: Any, **__: Any) -> None:
+            self.ran.append(Path(str(words[2])).suffix)
+            if self.ran[-1] == ".c3d":
+                raise InputError("frames", "108000", "at most 65535")
+
+    steps: Any = Steps()
+    reconstructing._results(steps, films, films / "calibration.toml")
+    assert steps.ran[-3:] == [".glb", ".c3d", ".csv"]
+    assert "left out poses.c3d: frames: found 108000" in capsys.readouterr().err
 
 
 def test_trials_share_a_calibration_and_end_in_a_table(
