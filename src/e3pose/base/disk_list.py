@@ -10,7 +10,7 @@ from typing import IO, Any, TypeVar
 from weakref import finalize
 
 Item = TypeVar("Item")
-BLOCK = 512  # items in memory; more go to the file, as many at a time
+BLOCK = 256  # items in memory; more go to the file, as many at a time
 
 
 class DiskList(Sequence[Item]):

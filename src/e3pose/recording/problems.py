@@ -263,21 +263,22 @@ def _keypoint_problems(camera: Camera, series: ViewSeries) -> list[Problem]:
         problems.append(Problem("blank-people", where, message))
     if not seen.any():
         return problems
-    scores = series.scores[seen]
-    if scores.min() == scores.max() == 1 and scores.size > 100:
+    if np.min(series.scores, where=seen, initial=1.0) == 1 and seen.sum() > 100:
         message = "all scores are 1, so good and bad keypoints cannot be distinguished"
         problems.append(Problem("flat-scores", where, message))
-    pixels = series.keypoints_px[seen]
     width, height = camera.image_size
     last = np.array([width, height]) - 1
-    outside = ((pixels < -OUTSIDE_PX) | (pixels > last + OUTSIDE_PX)).any(axis=-1)
-    if outside.mean() > OUTSIDE_SHARE:
+    pixels = series.keypoints_px
+    outside = ((pixels < -OUTSIDE_PX) | (pixels > last + OUTSIDE_PX)).any(axis=-1) & seen
+    share = outside.sum() / seen.sum()
+    if share > OUTSIDE_SHARE:
+        right, bottom = pixels[seen].max(axis=0).tolist()
         problems.append(
             Problem(
                 "outside-image",
                 where,
-                f"{100 * outside.mean():.0f} % of keypoints lie outside the {width} x {height} "
-                f"image (they reach {pixels[:, 0].max():.0f}, {pixels[:, 1].max():.0f}); "
+                f"{100 * share:.0f} % of keypoints lie outside the {width} x {height} "
+                f"image (they reach {right:.0f}, {bottom:.0f}); "
                 "is the size, the rotation or the camera right?",
             )
         )
