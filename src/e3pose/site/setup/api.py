@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, FastAPI, HTTPException, Request
@@ -246,7 +246,7 @@ def _cameras(table: Table) -> APIRouter:
             return walking.newest_view(table.covered, table.snapshots, camera_id)
         if setup.tasks.busy or table.live.on:
             raise HTTPException(409, "other work has the cameras at present")
-        return cameras.thumbnail_of(setup, camera_id)
+        return asdict(cameras.thumbnail_of(setup, camera_id))
 
     @api.post("/look")
     def look() -> dict[str, Any]:

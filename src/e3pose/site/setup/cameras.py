@@ -15,7 +15,7 @@ import time
 import uuid
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from e3pose.site.example import make_example
 from e3pose.site.phones import show_phone
 from e3pose.site.setup.onvif import Login, parse, streams_of
 from e3pose.site.setup.plan import ChosenCamera, Plan
-from e3pose.site.setup.session import SetupSession
+from e3pose.site.setup.session import SetupSession, Thumbnail
 from e3pose.site.setup.tasks import Task
 from e3pose.site.simulated_films import FOLDER, write_films
 from e3pose.wire.topics import check_site
@@ -170,16 +170,7 @@ def start_looking(setup: SetupSession) -> None:
     def look(task: Task) -> None:
         task.progress("asking the local network", 0, 0)
         cameras = look_around()
-        setup.found = [
-            {
-                "host": each.host,
-                "name": each.name,
-                "service": each.service,
-                "streams": [],
-                "why": "",
-            }
-            for each in cameras
-        ]
+        setup.found = [{**asdict(each), "streams": [], "why": ""} for each in cameras]
         with ThreadPoolExecutor(MOST_ASKED) as pool:
             asked = [pool.submit(_ask_streams, setup, one, Login()) for one in setup.found]
             for done, _ in enumerate(as_completed(asked), 1):
@@ -266,14 +257,14 @@ def make_example_site(setup: SetupSession, name: str) -> None:
     setup.choose(name)
 
 
-def thumbnail_of(setup: SetupSession, camera_id: str) -> dict[str, Any]:
+def thumbnail_of(setup: SetupSession, camera_id: str) -> Thumbnail:
     """Return the newest picture of a camera that no program of the site has."""
     camera = setup.plan().camera(camera_id)
     if not camera.source:
-        return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it runs on its own machine"}
+        return Thumbnail(why="it runs on its own machine")
     if is_recorded(camera.source):
-        return {"jpeg": None, "size": (0, 0), "fps": None, "why": "it plays keypoints, no images"}
-    return setup.thumbnails.look(camera.source, camera.rotation).body()
+        return Thumbnail(why="it plays keypoints, no images")
+    return setup.thumbnails.look(camera.source, camera.rotation)
 
 
 def shown_source(setup: SetupSession, source: str) -> str:

@@ -113,13 +113,18 @@ def _cameras(document: Any, plan: Plan, choice: Choice) -> None:
         table = tables.get(camera.was) or tomlkit.table()
         table["id"], table["source"] = camera.id, camera.source
         table["detector"], table["threads"] = choice.detector, choice.threads
-        if camera.rotation:
-            table["rotation"] = camera.rotation
-        else:
-            table.pop("rotation", None)
+        set_or_drop(table, "rotation", camera.rotation)
         table.setdefault("provider", choice.provider)
         array.append(table)
     document["camera"] = array
+
+
+def set_or_drop(table: Any, key: str, value: Any) -> None:
+    """Set a key of a document; drop it for what is empty or 0."""
+    if value:
+        table[key] = value
+    else:
+        table.pop(key, None)
 
 
 def restore_before(path: Path) -> None:

@@ -62,14 +62,10 @@ class Thumbnail:
         why: there is no picture, in words.
     """
 
-    jpeg: str | None
-    size: tuple[int, int]
-    fps: float | None
+    jpeg: str | None = None
+    size: tuple[int, int] = (0, 0)
+    fps: float | None = None
     why: str = ""
-
-    def body(self) -> dict[str, Any]:
-        """Return it for the page."""
-        return {"jpeg": self.jpeg, "size": self.size, "fps": self.fps, "why": self.why}
 
 
 class Thumbnails:
@@ -132,7 +128,7 @@ class _Reader:
         self._came.wait(1.0)  # for the first frame
         frame = self._frame
         if frame is None:
-            return Thumbnail(None, (0, 0), None, self._why or "waiting for its first picture")
+            return Thumbnail(why=self._why or "waiting for its first picture")
         old_s = time.monotonic() - self._came_s
         why = self._why or (f"no picture for {old_s:.0f} s" if old_s > STALE_S else "")
         rate = None if why else self._rate()

@@ -18,7 +18,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.quantities import length_m
 from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import MAX_CORNERS
-from e3pose.site.setup.editing import edit_site, restore_before
+from e3pose.site.setup.editing import edit_site, restore_before, set_or_drop
 from e3pose.site.setup.going_live import LiveSite, ask_elsewhere, runs_elsewhere
 from e3pose.site.setup.session import BEFORE, SetupSession
 from e3pose.wire.site_messages import Control
@@ -172,23 +172,16 @@ def _edit(document: Any, wanted: Wanted) -> None:
         loop["target_error"] = wanted.target_error
         loop.pop("cameras", None)
     if wanted.budget is not None:
-        _set(document, "budget", wanted.budget)
+        set_or_drop(document, "budget", wanted.budget)
     for key, value in (("keep", wanted.keep), ("max_size", wanted.max_size)):
         if value is not None:
             if "store" not in document:
                 raise InputError("store", "none in the site file", "[store] with its path")
-            _set(document["store"], key, value)
+            set_or_drop(document["store"], key, value)
     if wanted.batteries is not None:
         _batteries(document, wanted.batteries)
     if wanted.zones is not None:
         _zones(document, wanted.zones)
-
-
-def _set(table: Any, key: str, value: str) -> None:
-    if value:
-        table[key] = value
-    else:
-        table.pop(key, None)
 
 
 def _batteries(document: Any, batteries: Mapping[str, float]) -> None:
@@ -197,10 +190,7 @@ def _batteries(document: Any, batteries: Mapping[str, float]) -> None:
         if name not in tables:
             known = ", ".join(tables)
             raise InputError("batteries", f"camera {name[:64]!r}", f"one of {known}")
-        if wh:
-            tables[name]["battery_wh"] = wh
-        else:
-            tables[name].pop("battery_wh", None)
+        set_or_drop(tables[name], "battery_wh", wh)
 
 
 def _zones(document: Any, zones: Sequence[Zone]) -> None:
@@ -211,10 +201,7 @@ def _zones(document: Any, zones: Sequence[Zone]) -> None:
         table["name"] = zone.name
         table["corners"] = [[round(x, 3), round(y, 3)] for x, y in zone.corners]
         array.append(table)
-    if zones:
-        document["zone"] = array
-    else:
-        document.pop("zone", None)
+    set_or_drop(document, "zone", array)
 
 
 def take_before(setup: SetupSession, live: LiveSite) -> dict[str, Any]:

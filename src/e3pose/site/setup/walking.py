@@ -9,7 +9,7 @@ import threading
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +26,7 @@ from e3pose.site.follow import viewer_link
 from e3pose.site.record_program import record_site, waiting_words
 from e3pose.site.setup.coverage import CELL_M, Coverage, hints
 from e3pose.site.setup.plan import MAX_CAMERAS
-from e3pose.site.setup.session import SetupSession
+from e3pose.site.setup.session import SetupSession, Thumbnail
 from e3pose.site.setup.tasks import Task
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import open_network
@@ -223,8 +223,6 @@ def newest_view(covered: Coverage | None, snapshots: Snapshots, camera_id: str) 
     if covered is not None and camera_id in covered.rig.camera_ids:
         people = covered.newest.get(covered.rig.index(camera_id), [])
     if picture is None:
-        return {"jpeg": None, "size": (0, 0), "fps": None, "why": "no picture yet", "people": []}
-    return {
-        "jpeg": base64.b64encode(picture.jpeg).decode(), "size": picture.image_size, "fps": None,
-        "why": "", "people": people,
-    }  # fmt: skip
+        return {**asdict(Thumbnail(why="no picture yet")), "people": []}
+    shown = Thumbnail(base64.b64encode(picture.jpeg).decode(), picture.image_size)
+    return {**asdict(shown), "people": people}
