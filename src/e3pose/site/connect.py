@@ -302,20 +302,15 @@ def certified_site(authority: Path) -> str:
     Raises:
         InputError: when the certificate does not say it in full.
     """
-    from cryptography import x509
-    from cryptography.x509.oid import NameOID
-
-    from e3pose.wire.keys.authority import SUBJECT, UNREADABLE
+    from e3pose.wire.keys.authority import SUBJECT, UNREADABLE, common_name
 
     try:
-        subject = x509.load_pem_x509_certificate(authority.read_bytes()).subject
+        name = common_name(authority.read_bytes())
     except UNREADABLE:
         raise InputError(str(authority), "no certificate", "that of the site's authority") from None
-    name = subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value
-    site = str(name).removeprefix(SUBJECT)
-    if len(str(name)) >= 64:  # it may have been cut
+    if len(name) >= 64:  # it may have been cut
         raise InputError("site", MISSING, 'site="NAME", as `name` in the site file')
-    return site
+    return name.removeprefix(SUBJECT)
 
 
 def called(event: PersonEvent, names: Names) -> PersonEvent:
