@@ -158,7 +158,7 @@ WORDS: list[tuple[str, str]] = [
     ("import coco $DEEP $NEW --calibration $RIG --fps 25", "deep: "),
     ("import coco $PIPE $NEW --calibration $RIG --fps 25", "found a pipe"),
     ("detect", "VIDEO"),
-    ("detect $BAD --calibration $RIG", "found 1 path"),
+    ("detect $BAD --calibration $RIG", "found 1 path, expected videos, then the folder to"),
     ("detect $BAD $FULL --calibration $RIG", "exists and is not empty"),
     ("detect cam0=$BAD $NEW --calibration $RIG --every 1.5", "not a whole number"),
     ("detect cam0=$BAD $NEW --calibration $RIG --offset cam0=x", "--offset: found"),

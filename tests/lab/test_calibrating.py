@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.cases import each_case
-from tests.cli.commands import run
+from tests.cli.commands import refused, run
 
 from e3pose.model.noises import load_noise_file
 from e3pose.recording import save_recording
@@ -57,8 +57,5 @@ def test_wrong_option_is_one_line(
     folder: Path, tokens: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     option, value = tokens
-    assert run("calibrate", "noise", folder, option, value.format(recording=folder)) == 2
-    captured = capsys.readouterr()
-    assert named in captured.err
-    assert captured.err.count("\n") == 1
-    assert captured.out == ""
+    words = ("noise", folder, option, value.format(recording=folder))
+    assert named in refused(capsys, "calibrate", *words)
