@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Flags, Floats, Integers
+from e3pose.base.records import changed
 from e3pose.energy.queues import Queue
 from e3pose.estimate.base import Estimate, Estimator
 from e3pose.model.camera import Rig
@@ -179,7 +180,7 @@ def step(
     arrived = np.array([camera in views for camera in range(len(online))])
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     with_boxes = pipeline.rig if Need.OWN_BOXES in pipeline.needs else None
-    state = replace(
+    state = changed(
         state,
         memory=memory,
         silence=listen(state.silence, slot, selected, arrived, pipeline.interval_s),
@@ -213,7 +214,7 @@ def step(
         expected=expected,
         asleep_until=state.asleep_until,
     )
-    after = replace(
+    after = changed(
         state,
         slot=slot + 1,
         selections=np.concatenate([state.selections[1:], decision[None]]),
@@ -322,7 +323,7 @@ def _decide(
     else:
         rest = rests.charged(rest, decision, until > situation.slot, situation.interval_s)
     deficit = pipeline.queue.after(state.deficit, decision)
-    return replace(state, deficit=deficit, asleep_until=until, rest=rest), decision
+    return changed(state, deficit=deficit, asleep_until=until, rest=rest), decision
 
 
 def _feedback(

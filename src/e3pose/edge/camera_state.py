@@ -18,6 +18,7 @@ import numpy as np
 
 from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.quantities import plural
+from e3pose.base.records import changed
 from e3pose.edge.lead import Lead, lagging
 from e3pose.energy.rest_costs import alarm_s
 from e3pose.model.skeleton import (
@@ -255,7 +256,7 @@ def with_message(camera: CameraState, now_ns: int) -> CameraState:
     """Return a camera that sent any message."""
     second = now_ns // 10**9
     messages = camera.messages + 1 if second == camera.second else 1
-    return replace(camera, present=True, heard_ns=now_ns, messages=messages, second=second)
+    return changed(camera, present=True, heard_ns=now_ns, messages=messages, second=second)
 
 
 def with_hello(camera: CameraState, hello: Hello, now_ns: int) -> CameraState:
@@ -510,12 +511,12 @@ class Turn:
     @property
     def online(self) -> Flags:
         """Cameras that can be reached."""
-        return np.asarray(self.states >= State.ON_TRIAL)
+        return np.asarray(self.states >= int(ON_TRIAL))  # a fourth of a member's time
 
     @property
     def expected(self) -> Flags:
         """Cameras that can be reached, or sleep by order."""
-        return np.asarray(self.online | (self.states == State.ASLEEP))
+        return np.asarray(self.online | (self.states == int(ASLEEP)))
 
     @property
     def arrived(self) -> Flags:
@@ -530,7 +531,7 @@ class Turn:
     @property
     def usable(self) -> Flags:
         """Cameras that count for the loop, which leaves out suspected ones by itself."""
-        return np.asarray((self.states >= State.SUSPECTED) | self.arrived)
+        return np.asarray((self.states >= int(SUSPECTED)) | self.arrived)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -611,10 +612,10 @@ def states_of(standings: Integers, answers: Answers, answering: Flags) -> Intege
         answers: how they answer their orders.
         answering: `(num_cameras,)` cameras that the failure detector has not given up.
     """
-    ready, reliable = standings == State.READY, answers.reliable
+    ready, reliable = standings == int(READY), answers.reliable
     on_trial = ~reliable & ((reliable & ready).sum() >= LEAST_RELIABLE)
-    found = np.where(answering, State.READY, State.SUSPECTED)
-    return np.where(ready, np.where(on_trial, State.ON_TRIAL, found), standings)
+    found = np.where(answering, int(READY), int(SUSPECTED))
+    return np.where(ready, np.where(on_trial, int(ON_TRIAL), found), standings)
 
 
 def after_slot(
@@ -638,7 +639,7 @@ def after_slot(
     if blind_slots < BLIND_SLOTS:
         share = np.where(ordered, share + (arrived - share) / SHARE_ORDERS, share)
     unreliable = turn.online & (share < RELIABLE)
-    return replace(
+    return changed(
         before,
         **_delivered(before, ordered & ~turn.orders_late & fair, turn, given_up, interval_s),
         share=share,
@@ -716,7 +717,7 @@ def tried(answers: Answers, states: Integers, slot: int, interval_s: float) -> F
     since_s = slot * interval_s + TURN_S * cameras
     pause = 2 ** np.minimum(answers.seldom_s // EVERY_S, MOST_DOUBLED).astype(np.int64)
     turn = (since_s % EVERY_S < TURN_S) & ((since_s // EVERY_S).astype(np.int64) % pause == 0)
-    trial = turn & (states == State.ON_TRIAL)
+    trial = turn & (states == int(ON_TRIAL))
     return np.asarray(trial & (cameras == trial.argmax()))
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.base.records import changed
 
 # Of each camera, reports that are each the longest delay of half a second: the newest fifteen
 # seconds. One in ten is left out, so that orders arrive in time in 98 of 100 slots, about, and that
@@ -216,14 +217,14 @@ def _stepped(lead: Lead, needed: int, interval_s: float) -> Lead:
             since_reduced_s=math.inf,
         )  # fmt: skip
     if needed == lead.slots:
-        return replace(lead, calm_s=0.0, peak=0, since_reduced_s=since_s)
+        return changed(lead, calm_s=0.0, peak=0, since_reduced_s=since_s)
     calm_s, peak = lead.calm_s + interval_s, max(lead.peak, needed)
     excess = lead.slots - peak
     share = NEAR_SHARE if lead.wait_s <= CALM_S else VARYING_SHARE
     near = excess <= max(NEAR_SLOTS, share * peak)
     wait_s = lead.wait_s if near else STEP_S
     if calm_s < wait_s - 1e-9:
-        return replace(lead, calm_s=calm_s, peak=peak, since_reduced_s=since_s)
+        return changed(lead, calm_s=calm_s, peak=peak, since_reduced_s=since_s)
     slots = peak if near else peak + excess // 2
     return replace(
         lead, slots=slots, calm_s=0.0, peak=0, reduced_from=lead.slots, since_reduced_s=0.0

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from e3pose.base.records import changed
 from e3pose.pipeline import Pipeline
 from e3pose.select.camera_order import spread_order
 from e3pose.select.policies.base import Need, Policy, Selection, Situation, selected_by
@@ -93,7 +94,7 @@ def after_work(
     """
     kept = math.exp(-interval_s / AVERAGED_S)
     busy = kept * load.busy + (1 - kept) * took_s / interval_s
-    load = replace(
+    load = changed(
         load,
         busy=busy,
         since_s=load.since_s + interval_s,
@@ -104,7 +105,7 @@ def after_work(
         behind_s=kept * load.behind_s + (1 - kept) * max(behind_s, 0.0),
     )
     slow = busy > HIGH or load.behind_s > max(BEHIND_S, interval_s)
-    load = replace(load, blamed_s=0.0 if slow else load.blamed_s + interval_s)
+    load = changed(load, blamed_s=0.0 if slow else load.blamed_s + interval_s)
     if busy > HIGH and load.level < HALF_RATE and load.since_s >= SETTLED_S:
         too_early = load.eased and load.since_s < FAILED_S
         wait_s = min(2 * load.wait_s, LONGEST_CALM_S) if too_early else CALM_S

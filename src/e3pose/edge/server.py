@@ -20,6 +20,7 @@ from e3pose.base.arrays import Flags, Floats, Integers
 from e3pose.base.clock import Clock, SlotTimes
 from e3pose.base.kernel import INTERPRETING
 from e3pose.base.quantities import plural
+from e3pose.base.records import changed
 from e3pose.base.threads import ThreadGroup
 from e3pose.edge.camera_state import (
     Answers,
@@ -314,7 +315,7 @@ class EdgeServer:
             found = self.inbox.standings(missing)
             return [c for c, (state, _) in zip(missing, found, strict=True) if state == State.READY]
 
-        ordered, online = self._ordered(times, slot), self.inbox.states() == State.READY
+        ordered, online = self._ordered(times, slot), self.inbox.states() == int(State.READY)
         longest_s = waits_s(self.answers, ordered & online, self.settings.deadline_s)
         middle_ns = times.middle_ns(slot)
         until_ns = {c: middle_ns + round(s * 1e9) for c, s in enumerate(longest_s.tolist()) if s}
@@ -343,7 +344,7 @@ class EdgeServer:
         behind_s = (begun_ns - self._deadline_ns(times, slot)) / 1e9
         turn, newest_late = self._turn(times, slot, arrivals), self.gather.newest_late
         state, interval_s, decided = self.state, self.pipeline.interval_s, self.state.selections
-        state = replace(
+        state = changed(
             state,
             silence=acknowledge_late(state.silence, turn.views_late, turn.orders_late, interval_s),
             selections=np.concatenate([turn.ordered[None], decided[1:]]),
@@ -367,7 +368,7 @@ class EdgeServer:
             if self.ready:
                 raise
             return
-        record = replace(record, blind=blind)
+        record = changed(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         if self.ready:
             self._order_next(times, slot, record, turn, newest_late)
@@ -409,7 +410,7 @@ class EdgeServer:
 
     def _with_trial(self, times: SlotTimes, slot: int, decision: Flags, states: Integers) -> Flags:
         """Return a decision with the tried camera; order a slow one earlier."""
-        on_trial = np.flatnonzero(states == State.ON_TRIAL).tolist()
+        on_trial = np.flatnonzero(states == int(State.ON_TRIAL)).tolist()
         if not on_trial:
             return decision
         lead, interval_s = self.pipeline.lead_slots, self.interval_ns / 1e9
@@ -442,7 +443,7 @@ class EdgeServer:
     def _update_pipeline(self, times: SlotTimes, record: SlotRecord, online: Flags) -> None:
         """Update lead, predictor and budgets between two slots."""
         until = np.where(self.inbox.can_sleep(), self.state.asleep_until, 0)
-        self.state = replace(self.state, asleep_until=until)
+        self.state = changed(self.state, asleep_until=until)
         while self.inbox.overslept:
             name, said = self.inbox.overslept.popleft()
             self.event_log.report("camera-overslept", said, name)

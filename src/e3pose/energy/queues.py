@@ -69,7 +69,7 @@ def price(deficit: Floats, cost_j: Floats) -> Floats:
         deficit: `(num_cameras,)` queue lengths in slots of activity.
         cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one.
     """
-    return np.asarray(deficit * (cost_j / cost_j.mean()) ** 2)
+    return np.asarray(deficit * (cost_j / (cost_j.sum() / len(cost_j))) ** 2)
 
 
 def active_cost_j(profiles: Sequence[DeviceProfile], idle_mode: Mode, interval_s: float) -> Floats:

@@ -16,6 +16,7 @@ from math import inf
 import numpy as np
 
 from e3pose.base.arrays import Floats, Integers
+from e3pose.base.records import changed
 from e3pose.estimate.base import STEER_SLOTS, Estimate, History, Outlook
 from e3pose.estimate.filter import learned_noise, outlook
 from e3pose.estimate.filter.allocation import held_constants
@@ -136,7 +137,7 @@ class Filtered:
         start = clock()
         belief, shown = self.step(self.model, memory.belief, views, time_s)
         if (next_id := _next_id(memory.belief, belief)) != belief.next_id:
-            belief = replace(belief, next_id=next_id)
+            belief = changed(belief, next_id=next_id)
         identities = identify(memory.identities, memory.belief, belief, shown.track_ids, self.model)
         everybody = identities.of(belief.track_ids)
         rows = belief.track_ids.searchsorted(shown.track_ids)
@@ -186,7 +187,7 @@ class Filtered:
         rows, ahead_s = belief.track_ids.searchsorted(history.track_ids), STEER_SLOTS * pace_s
         gain = 1 - (1 - GAIN) ** pace  # as far as in so many slots
         belief = steer(self.model.tree, belief, rows, joints_m, ahead_s, shares, gain)
-        return replace(memory, belief=belief)
+        return changed(memory, belief=belief)
 
     def leave_out_ids(self, memory: FilterMemory, count: int) -> FilterMemory:
         """See `Estimator.leave_out_ids`."""
@@ -262,7 +263,7 @@ def steer(
         state,
         shares,
     )
-    return replace(belief, state=state, drift_share=shares)
+    return changed(belief, state=state, drift_share=shares)
 
 
 def foreseen(

@@ -139,13 +139,15 @@ class StepKernel:
             noise,
             self._held_workspace,
         )
-        rows = workspace.waiting.order[:num_waiting]
-        leftovers = Leftovers(
-            workspace.waiting.times_s[rows],
-            workspace.waiting.cameras[rows],
-            workspace.waiting.keypoints_px[rows],
-            workspace.waiting.scores[rows],
-        )
+        leftovers = waiting
+        if num_old or num_waiting:
+            rows = workspace.waiting.order[:num_waiting]
+            leftovers = Leftovers(
+                workspace.waiting.times_s[rows],
+                workspace.waiting.cameras[rows],
+                workspace.waiting.keypoints_px[rows],
+                workspace.waiting.scores[rows],
+            )
         (kept,) = np.nonzero(~workspace.offers.flags[0, :num_tracks])
         if len(kept) == num_tracks:
             newest = self._newest = tuple(column[:num_tracks].copy() for column in workspace.tracks)

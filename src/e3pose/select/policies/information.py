@@ -11,7 +11,7 @@ better by more than a margin. Method: `docs/explanation/camera-selection.md`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 from math import comb
@@ -20,6 +20,7 @@ import numpy as np
 
 from e3pose.base.arrays import Flags, Floats
 from e3pose.base.kernel import kernel
+from e3pose.base.records import changed
 from e3pose.select.expected_information import Entrants, Foresight, started
 from e3pose.select.kernels.foresight import information
 from e3pose.select.policies.base import Selection, Situation, count_at
@@ -94,7 +95,7 @@ class Information:
         if np.count_nonzero(allowed) < enough:
             allowed = situation.online
         turns = RoundRobin(self.num_selected, self.phase, self.order)
-        return turns.select(replace(situation, online=allowed))
+        return turns.select(changed(situation, online=allowed))
 
     def _best(self, foresight: Foresight, allowed: Flags, count: int, worth: Floats) -> Selection:
         """Return the best `count` of the cameras `allowed`, or all if they are fewer.
