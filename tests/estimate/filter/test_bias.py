@@ -10,8 +10,9 @@ from tests.reference import filter_bias
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.bias import memory_terms
-from e3pose.estimate.filter.lasting import MEMORY_S, MOST, SPAN, USUAL, Lasting
+from e3pose.estimate.filter.lasting import MEMORY_S, MOST, SPAN, USUAL, Lasting, grown_m2
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
+from e3pose.estimate.filter.posterior import Grades
 from e3pose.estimate.filter.repeated_errors import (
     COMMON,
     LEAST_WEIGHT,
@@ -21,8 +22,10 @@ from e3pose.estimate.filter.repeated_errors import (
     weigh_biases,
     weigh_views,
 )
+from e3pose.estimate.filter.shown import grow
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.projection import project
+from e3pose.model.uncertainty import axis_sigma_m
 
 TERMS = bias.memory_terms(ErrorMemory())
 
@@ -182,3 +185,17 @@ def test_biases_that_are_learned_leave_more() -> None:
     assert share.tolist() == pytest.approx([12.5 / SIGMA_PX[1] ** 2, NUM_CAMERAS])
     weigh_biases(biases_px, seen_s + 1.0, SIGMA_PX, REPEATED, plain, lasting, share)
     assert share[1] == NUM_CAMERAS  # looks of a second ago say nothing of now
+
+
+def test_what_is_stated_grows_as_errors_last() -> None:
+    grades, sigma_m = Grades.empty(2, 17), np.empty((2, 17))
+    own_m2 = np.tile(np.diag([1e-4, 2e-4, 3e-4]), (2, 17, 1, 1))
+    own_m2[1, 3] = np.nan  # a joint that was never measured
+    grades.stated_m2[:], grades.repeated_m2[:] = 1.5 * own_m2, 0.5 * own_m2
+    grades.lasting_m2[:] = 2.0 * own_m2
+    factor = grow(0.4, own_m2, grades, sigma_m)
+    stated_m2 = own_m2 + grown_m2(grades.repeated_m2, grades.lasting_m2, 0.4)
+    np.testing.assert_allclose(grades.stated_m2, stated_m2)
+    np.testing.assert_allclose(sigma_m, axis_sigma_m(stated_m2))
+    assert factor == pytest.approx(np.sqrt(2.1))
+    assert grow(0.4, own_m2[:0], Grades.empty(0, 17), sigma_m[:0]) == 0.0
