@@ -17,8 +17,9 @@ def changed(record: Record, **fields: Any) -> Record:
     Raises:
         AttributeError: for a field that it does not have.
     """
-    made, put = object.__new__(type(record)), object.__setattr__
-    names, values_of = _fields_of(type(record))
+    kind: Any = type(record)
+    made: Record = object.__new__(kind)
+    put, (names, values_of) = object.__setattr__, _fields_of(kind)
     for name, value in zip(names, values_of(record), strict=True):
         put(made, name, value)
     for name, value in fields.items():
