@@ -16,7 +16,7 @@ from e3pose.pipeline import SlotRecord
 from e3pose.store.export import long_columns, write_tables
 
 FORMATS = (".csv", ".parquet")
-CHUNK = 2000  # slots whose rows are made at once: each row is a dozen objects
+CHUNK = 500  # slots whose rows are made at once: each row is a dozen objects
 
 
 def check_poses_path(path: Path) -> Path:
