@@ -79,6 +79,7 @@ def test_a_clip_is_marked_named_played_changed_and_removed(page: Page, watched: 
     assert page.run("document.getElementById('clip-save').disabled")
     page.of("past", f"void m.seek({at_ns(250) / 1e9}).then(() => m.setPlaying(false))")
     assert page.shows("state", "past")
+    assert eventually(lambda: not page.of("past", "m.past.playing")), "else it stops the clip"
     # By keyboard, on the time line: from here, and on, and to here.
     page.run("document.getElementById('line').focus()")
     page.press("+")
