@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 from fractions import Fraction
 from pathlib import Path
@@ -91,21 +93,44 @@ def test_the_state_repeats_the_result_to_the_byte(
     assert "--max-slots" in said and "poses: " not in said
 
 
-def test_what_a_format_cannot_hold_is_left_out(
-    films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_a_format_cannot_hold_is_left_out_of_every_run(
+    films: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    class Steps:
-        options, ran = reconstructing.Options(out=tmp_path), list[str]()
+    ran, room = list[str](), OSError(errno.ENOSPC, "No space left on device")
 
-        def run(self, name: str, words: list[object], *_: Any, **__: Any) -> None:
-            self.ran.append(Path(str(words[2])).suffix)
-            if self.ran[-1] == ".c3d":
-                raise InputError("frames", "108000", "at most 65535")
+    def command(words: list[str], **_: Any) -> None:
+        dest = Path(words[words.index("--poses") + 1] if words[0] == "replay" else words[2])
+        ran.append(dest.name)
+        if dest.suffix == ".c3d":
+            raise InputError("frames", "108000", "at most 65535")
+        (dest.with_name("poses-track1.trc") if dest.suffix == ".trc" else dest).write_text("made")
 
-    steps: Any = Steps()
-    reconstructing._results(steps, films, films / "calibration.toml")
-    assert steps.ran[-3:] == [".glb", ".c3d", ".csv"]
-    assert "left out poses.c3d: frames: found 108000" in capsys.readouterr().err
+    older = [tmp_path / "poses.c3d", tmp_path / "poses.trc", tmp_path / "poses-track2.trc"]
+    for path in older:  # of other films
+        path.write_text("older")
+        os.utime(path, (0, 0))
+    monkeypatch.setattr(reconstructing, "app", command)
+    options = reconstructing.Options(out=tmp_path)
+    for wanted in (
+        ["poses.parquet", "poses.trc", "poses.mot", "poses.glb", "poses.c3d", "angles.csv"],
+        ["poses.c3d"],
+        ["poses.c3d"],
+    ):
+        ran.clear()
+        steps = reconstructing.Steps(options, {"cam0": videos(films)[0]})
+        reconstructing._results(steps, films, films / "calibration.toml")
+        assert ran == wanted
+        assert "left out poses.c3d: frames: found 108000" in capsys.readouterr().err
+        assert not any(path.exists() for path in older)
+        assert (tmp_path / "poses-track1.trc").read_text() == "made"
+
+    def full(words: list[str], **_: Any) -> None:
+        raise InputError("poses.c3d", "no room", "a file") from room
+
+    monkeypatch.setattr(reconstructing, "app", full)
+    steps = reconstructing.Steps(options, {"cam0": videos(films)[0]})
+    with pytest.raises(InputError, match="no room"):  # the machine's fault ends it
+        reconstructing._results(steps, films, films / "calibration.toml")
 
 
 def test_trials_share_a_calibration_and_end_in_a_table(

@@ -18,7 +18,7 @@ from cyclopts import Group, Parameter
 from e3pose import __version__
 from e3pose.base.atomic import atomic_file, write_file
 from e3pose.base.bounded import decode_json, read_bytes, read_toml
-from e3pose.base.errors import Exit, InputError
+from e3pose.base.errors import Exit, InputError, exit_code
 from e3pose.base.quantities import duration_s, plural, shell
 from e3pose.base.system import num_cores
 from e3pose.base.table import read_table
@@ -245,6 +245,7 @@ class Steps:
         inputs = {str(path): _stamp(path) for path in reads}
         step = {"name": name, "command": command, "inputs": inputs}
         old = self._before[len(self._done)] if len(self._done) < len(self._before) else None
+        changed_before = self._changed
         self._changed |= old != step or not makes.exists()
         self._done.append(step)
         if not self._changed:
@@ -258,6 +259,10 @@ class Steps:
         except SystemExit as ended:
             if ended.code not in (None, 0):
                 raise
+        except InputError:  # not done, and the steps after it are as they were if it is left out
+            self._done.pop()
+            self._changed = changed_before
+            raise
         asked = {k: _plain(v) for k, v in asdict(self.options).items() if v not in (None, False)}
         del asked["out"]
         films = {name: str(path.absolute()) for name, path in self.paths.items()}
@@ -311,7 +316,7 @@ def _by_sound(steps: Steps, paths: Mapping[str, Path], sources: Mapping[str, Sou
     try:
         steps.run("sync", ["sync", *_named(paths), "--json", result], _files(paths), result)
     except InputError as error:
-        if sync == "sound":
+        if sync == "sound" or exit_code(error) == Exit.FAULT:
             raise
         print(f"sync: {error}")
         return []
@@ -348,10 +353,16 @@ def _results(steps: Steps, recording: Path, rig: Path) -> None:
     if steps.options.until != "export":
         return
     for suffix in ("trc", "mot", "glb", "c3d"):
+        dest = out / f"poses.{suffix}"
         try:
-            steps.run("export", ["export", poses, out / f"poses.{suffix}"], [poses], poses)
+            steps.run("export", ["export", poses, dest], [poses], _made(dest)[0])
         except InputError as error:  # such as more frames than the format can hold
-            warn(f"{out}: left out poses.{suffix}: {error}")
+            if exit_code(error) == Exit.FAULT:
+                raise
+            warn(f"{out}: left out {dest.name}: {error}")
+        for path in _made(dest):  # an older one: of other films, or of people who are not in these
+            if path.exists() and path.stat().st_mtime_ns < poses.stat().st_mtime_ns:
+                path.unlink()
     angles = out / "angles.csv"
     steps.run("export", ["export", poses, angles, "--angles"], [poses], angles)
     if (model := steps.options.opensim) is not None:
@@ -359,8 +370,13 @@ def _results(steps: Steps, recording: Path, rig: Path) -> None:
         folder.mkdir(exist_ok=True)
         words = ["export", poses, folder / "poses.trc", "--names", "pose2sim", "--fill", "300ms",
                  "--osim", model]  # fmt: skip
-        steps.run("export", words, [poses, model], poses)
+        steps.run("export", words, [poses, model], _made(folder / "poses.trc")[0])
         _solve(folder)
+
+
+def _made(dest: Path) -> list[Path]:
+    """Return the files of an export: those of each person if they are there, and the one."""
+    return [*dest.parent.glob(f"{dest.stem}-track*{dest.suffix}"), dest]
 
 
 def _solve(folder: Path) -> None:
