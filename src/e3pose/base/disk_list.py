@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from os import SEEK_END
-from tempfile import TemporaryFile
+from tempfile import TemporaryFile, gettempdir
 from typing import IO, Any, TypeVar
 from weakref import finalize
 
@@ -30,13 +31,22 @@ class DiskList(Sequence[Item]):
             self.append(item)
 
     def append(self, item: Item) -> None:
-        """Add an item at the end, or with `backwards` at the begin."""
+        """Add an item at the end, or with `backwards` at the begin.
+
+        Raises:
+            OSError: naming the folder of temporary files, when there is no room for another block.
+        """
         if len(self._last) == self._size:
             if self._file is None:
                 self._file = TemporaryFile()  # noqa: SIM115  # as long as this object
-                finalize(self, self._file.close)
-            self._begins.append(self._file.seek(0, SEEK_END))
-            pickle.dump(self._last, self._file, pickle.HIGHEST_PROTOCOL)
+                finalize(self, _close, self._file)
+            try:
+                begin = self._file.seek(0, SEEK_END)
+                pickle.dump(self._last, self._file, pickle.HIGHEST_PROTOCOL)
+                self._file.flush()
+            except OSError as error:  # of a file without a name
+                raise OSError(error.errno, error.strerror, gettempdir()) from None
+            self._begins.append(begin)
             self._last = []
         self._last.append(item)
 
@@ -57,3 +67,8 @@ class DiskList(Sequence[Item]):
             self._file.seek(self._begins[number])
             self._read = number, pickle.load(self._file)  # written by this object
         return self._read[1][row]
+
+
+def _close(file: IO[bytes]) -> None:
+    with suppress(OSError):  # it writes once more what a full disk did not take
+        file.close()
