@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import threading
 from collections.abc import Iterable
@@ -283,23 +282,30 @@ def test_what_nobody_should_trust_is_said(
 
 
 def test_a_replay_that_fails_ends_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun = threading.Event()
+    begun, ended = threading.Event(), list[object]()
 
-    class Endless:
-        source, read_view, slots = SCENE, None, itertools.repeat(records(truth())[0])
+    class Long:
+        source, read_view, slots = SCENE, None, records(truth())[:1] * 500_000
+        smoother = SimpleNamespace(words=None)
 
         def records(self, slots: Iterable[Any], step: Any) -> list[Any]:
             begun.set()
-            return [step(record) for record in slots]
+            for record in slots:
+                step(record)
+            ended.append(self)
+            return []
 
-    class Broken(Endless):
+    class Broken(Long):
         def records(self, slots: Iterable[Any], step: Any) -> list[Any]:
             begun.wait()
             raise InputError("slot", "nothing", "a view")
 
     monkeypatch.setattr(replaying, "num_cores", lambda: 2)
-    with pytest.raises(InputError, match="slot: found nothing"):
-        replaying._judged([(Broken(), only("c0")), (Endless(), only("c1"))])  # type: ignore[list-item]
+    for first, second in ((Broken(), Long()), (Long(), Broken())):
+        begun.clear()
+        with pytest.raises(InputError, match="slot: found nothing"):
+            replaying._judged([(first, only("c0")), (second, only("c1"))])  # type: ignore[list-item]
+        assert not ended
 
 
 def test_only_the_camera_that_was_moved_is_named() -> None:

@@ -268,8 +268,9 @@ class _Run:
 
 def _judged(left_out: Sequence[tuple[_Run, Recording]]) -> list[HeldOut]:
     """Return what the cameras that are left out say of replays, several of which run at a time."""
-    done, stopped = itertools.count(1), Event()
-    total = sum(2 * each.source.num_slots for each, _ in left_out)  # replayed, and smoothed
+    done, stopped, failed = itertools.count(1), Event(), list[BaseException]()
+    # Replayed, and smoothed: rts passes them through once more.
+    total = sum((1 + (run.smoother.words == "rts")) * run.source.num_slots for run, _ in left_out)
     alone = any(each.read_view is not None for each, _ in left_out)  # a network takes all cores
 
     def step(record: SlotRecord) -> SlotRecord:
@@ -280,7 +281,12 @@ def _judged(left_out: Sequence[tuple[_Run, Recording]]) -> list[HeldOut]:
 
     def judged(pair: tuple[_Run, Recording]) -> HeldOut:
         each, by = pair
-        return judge(by, each.records(each.slots, step))
+        try:
+            return judge(by, each.records(each.slots, step))
+        except BaseException as error:  # whichever it is, the others stop now
+            failed.append(error)
+            stopped.set()
+            raise
 
     with (
         bar("held-out cameras", transient=False) as report,
@@ -288,6 +294,8 @@ def _judged(left_out: Sequence[tuple[_Run, Recording]]) -> list[HeldOut]:
     ):
         try:
             return [*pool.map(judged, left_out)]
+        except CancelledError:
+            raise failed[0] from None
         except BaseException:
             stopped.set()
             raise
@@ -335,7 +343,7 @@ class Smoother:
             self._posteriors.append(estimate.posterior)
 
     def smoothed(self, records: DiskList[SlotRecord], step: Step) -> DiskList[SlotRecord]:
-        """Return the records with smoothed poses, passed through `step`."""
+        """Return the records with smoothed poses; rts passes them through `step` as well."""
         if self.words is None:
             return records
 

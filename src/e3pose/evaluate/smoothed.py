@@ -39,7 +39,7 @@ def smooth_records(
         posteriors: of the same slots.
         skeleton: of the poses.
         lag_slots: how many later slots each slot may know; None for all.
-        step: is given each record that is done, and returns it.
+        step: is given each record that is done, and returns it; not with `lag_slots`.
     """
     if lag_slots is not None:
         delayed = Delayed(skeleton, lag_slots)
