@@ -22,7 +22,7 @@ Origins = NDArray[np.uint8]
 # Where a joint's place comes from.
 MISSING, MEASURED, PREDICTED, FILLED = range(4)
 ORIGINS = ("missing", "measured", "predicted", "filled")
-MAX_JOINTS_HELD = 2**26  # of one person in all slots: some gigabytes
+MAX_JOINTS_HELD = 2**26  # in all slots: some gigabytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,11 +126,20 @@ def nowhere(track_id: int, first: int, num_slots: int, num_joints: int) -> Motio
         InputError: for more slots than fit into memory.
     """
     shape = num_slots, num_joints
-    if num_slots * num_joints > MAX_JOINTS_HELD:
-        raise InputError(f"track {track_id}", f"{num_slots} slots", "fewer from first to last")
+    check_fit(f"track {track_id}", *shape)
     places, sigma = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
     origin = np.full(shape, MISSING, dtype=np.uint8)
     return Motion(track_id, first, places, sigma, np.zeros(shape), origin)
+
+
+def check_fit(who: str, num_slots: int, num_joints: int, place: str = "") -> None:
+    """Raise `InputError` where somebody's slots, from the first to the last, fill the memory.
+
+    Of several people `num_slots` is the sum. `place` is the file that has them.
+    """
+    if num_slots * num_joints > MAX_JOINTS_HELD:
+        most = MAX_JOINTS_HELD // num_joints
+        raise InputError(who, f"{num_slots} slots from first to last", f"at most {most}", place)
 
 
 def _motion_of(slots: Integers, people: People) -> Motion:

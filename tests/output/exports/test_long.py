@@ -95,3 +95,20 @@ def test_bones_of_stretches_are_those_of_the_whole(monkeypatch: pytest.MonkeyPat
         for node, places_m in part.moved_m.items():
             there = np.isfinite(part.root_m).all(axis=1)
             np.testing.assert_allclose(places_m[there], whole.moved_m[node][rows][there])
+
+
+def test_hips_that_are_seldom_seen_together_are_in_the_sample(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    walk = long(50)
+    (motion,) = walk.motions
+    gone = np.zeros(motion.origin.shape, dtype=bool)
+    gone[::2, 12] = gone[1::2, 11] = True
+    gone[[503, 1003, 1507]] = False
+    motion.joints_m[gone], motion.origin[gone] = np.nan, 0
+    monkeypatch.setattr(bones, "STRETCH", 500)
+    whole = bones_of(motion, walk.skeleton)
+    for _, part in stretches_of(motion, walk.skeleton):
+        assert part.names == whole.names
+        hips = [part.names.index(name) for name in ("left_hip", "right_hip")]
+        np.testing.assert_allclose(part.offsets_m[hips], whole.offsets_m[hips])

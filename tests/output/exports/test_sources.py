@@ -184,6 +184,28 @@ def test_a_wide_file_of_too_many_rows_is_refused_unread(
         take_from_table(path, Asked())
 
 
+def test_rows_without_a_run_are_of_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "poses.parquet"
+    write_poses(records(), COCO17, path)
+    table = parquet.read_table(path)
+    nothing = pyarrow.nulls(table.num_rows, pyarrow.int64())
+    parquet.write_table(table.append_column("run", nothing), path)
+    monkeypatch.setattr(source, "BATCH", 99)
+    assert len(take_from_table(path, Asked()).motions) == 2
+
+
+@pytest.mark.parametrize("layout", ["long", "archive"])
+def test_all_people_together_fit_into_memory_or_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, layout: Any
+) -> None:
+    ((path, _),) = export(TAKE, tmp_path / "a.parquet", "parquet", ExportSettings(layout=layout))
+    monkeypatch.setattr("e3pose.model.take.MAX_JOINTS_HELD", 17 * 60)  # either of the two fits
+    with pytest.raises(InputError) as refused:
+        take_from_table(path, Asked())
+    found = "all tracks: found 74 slots from first to last, expected at most 60"
+    assert str(refused.value) == f"{path}: {found}"
+
+
 def test_poses_of_several_runs_are_not_one_take(store: Path, tmp_path: Path) -> None:
     import shutil
 

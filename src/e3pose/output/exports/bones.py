@@ -129,7 +129,9 @@ def stretches_of(motion: Motion, skeleton: Skeleton) -> Iterator[tuple[int, Bone
     if len(motion) <= STRETCH:
         yield 0, bones_of(motion, skeleton)
         return
-    each = [np.flatnonzero(known) for known in motion.known.T]
+    roots = [index for index, name in enumerate(skeleton.joints) if name in (ROOT, *MEANS[ROOT])]
+    root = motion.known[:, roots or [skeleton.parents.index(-1)]].all(axis=1)  # all hang on it
+    each = [np.flatnonzero(shown) for known in motion.known.T for shown in (known, known & root)]
     spread = [rows[:: max(1, len(rows) // FRAMES_OF_A_JOINT)] for rows in each]
     rows = np.unique(np.concatenate([*spread, np.arange(0, len(motion), len(motion) // STRETCH)]))
     rest = bones_of(_frames(motion, rows), skeleton)

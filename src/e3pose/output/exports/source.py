@@ -24,6 +24,7 @@ from e3pose.model.take import (
     PREDICTED,
     Motion,
     Take,
+    check_fit,
     kept_rows,
     motions_of,
     nowhere,
@@ -139,7 +140,7 @@ def _take_of_rows(path: Path, parts: Parts, asked: Asked) -> Take:
     spans: dict[int, tuple[int, int]] = {}
     runs, ends = set[int](), list[tuple[int, float]]()
     for part in parts():
-        runs |= set(np.unique(part.get("run", np.zeros(1))).tolist())
+        runs |= set(np.unique(np.nan_to_num(part.get("run", np.zeros(1)), nan=-1)).tolist())
         _, begins = np.unique(part["joint"], return_index=True)
         for name in part["names"][part["joint"][np.sort(begins)]].tolist():
             names.setdefault(name, len(names))
@@ -157,11 +158,14 @@ def _take_of_rows(path: Path, parts: Parts, asked: Asked) -> Take:
     skeleton = _skeleton(path, tuple(names))
     interval_s, started_ns = _clock(path, ends, dated)
     first, last = _between(interval_s, started_ns, asked, path)
-    motions: dict[int, Motion] = {}
-    for track, (low, high) in sorted(spans.items()):
-        low, high = max(low, first), min(high, last)
-        if low <= high and track in (asked.tracks or (track,)):
-            motions[track] = nowhere(track, low, high - low + 1, len(skeleton))
+    wanted = {
+        track: (max(low, first), min(high, last) + 1)
+        for track, (low, high) in sorted(spans.items())
+        if max(low, first) <= min(high, last) and track in (asked.tracks or (track,))
+    }
+    held = sum(end - low for low, end in wanted.values())
+    check_fit("all tracks", held, len(skeleton), str(path))
+    motions = {t: nowhere(t, low, end - low, len(skeleton)) for t, (low, end) in wanted.items()}
     for part in parts():
         joints = np.array([skeleton.index(name) for name in part["names"].tolist()])[part["joint"]]
         slots, tracks = part["slot"].astype(np.int64), part["track"].astype(np.int64)
@@ -280,9 +284,8 @@ def _readable(path: Path) -> Iterator[None]:
     except InputError:
         raise
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{path}: {str(error).splitlines()[0][:120]}, expected a table of poses"
-        ) from None
+        why = f"{path}: {str(error).splitlines()[0][:120]}, expected a table of poses"
+        raise InputError(why) from error  # whose fault it is: the machine's or the file's
 
 
 def _check(path: Path, names: Sequence[str], num_rows: int) -> None:

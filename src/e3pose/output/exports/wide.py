@@ -22,7 +22,7 @@ from e3pose.base.arrays import Floats
 from e3pose.base.atomic import atomic_file
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import MAX_JOINTS, Skeleton, own_file, skeleton_of_joints
-from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take, nowhere
+from e3pose.model.take import FILLED, MEASURED, MISSING, PREDICTED, Motion, Take, check_fit, nowhere
 from e3pose.output.exports.base import ExportSettings
 
 FORMAT, VERSION = "e3pose-poses-wide", 1
@@ -128,14 +128,16 @@ def read_wide(path: Path, file: Any, most_joints: int) -> Take:
         words = np.stack(flags[row * half : (row + 1) * half], axis=-1)
         origin[(words[:, bits // BITS] >> bits % BITS) & 1 == 1] = kind
     origin[~np.isfinite(values[..., :3]).all(axis=-1)] = MISSING
+    owns = {track: np.flatnonzero(tracks == track) for track in np.unique(tracks).tolist()}
     try:
         skeleton = skeleton_of_joints(joints, about["skeleton"], about.get("own_skeleton", ""))
     except InputError as error:
         raise error.at(path) from None
-    motions = []
-    for track in np.unique(tracks).tolist():
-        own = np.flatnonzero(tracks == track)
-        motions.append(_motion(path, track, slots[own], values[own], origin[own]))
+    held = sum(int(np.ptp(slots[own])) + 1 for own in owns.values())
+    check_fit("all tracks", held, len(joints), str(path))
+    motions = [
+        _motion(path, track, slots[own], values[own], origin[own]) for track, own in owns.items()
+    ]
     return Take(about["name"], skeleton, about["interval_s"], tuple(motions), about["started_ns"])
 
 
