@@ -15,7 +15,7 @@ from tests.rigs import looking
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
-from e3pose.recording import load_recording
+from e3pose.recording import json_lines, load_recording
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.json_lines import decode_truth, decode_view, encode_truth, encode_view
 from e3pose.recording.writer import RecordingWriter, finish_interrupted
@@ -64,6 +64,15 @@ def test_recording_that_a_kill_cut_off_is_put_right(tmp_path: Path) -> None:
     assert finish_interrupted(tmp_path) == [tmp_path / "walk"]
     check(tmp_path / "walk")
     assert finish_interrupted(tmp_path) == []
+
+
+def test_a_line_that_is_too_long_costs_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(json_lines, "MAX_LINE_BYTES", 8)
+    (tmp_path / "lines").write_bytes(b"one\n" + b"x" * 20 + b"\ntwo\n" + b"torn" * 5)
+    assert json_lines.cut_torn(tmp_path / "lines") == (3, b"two\n")
+    assert (tmp_path / "lines").read_bytes() == b"one\n" + b"x" * 20 + b"\ntwo\n"
 
 
 def test_recording_without_a_view_is_none(tmp_path: Path) -> None:

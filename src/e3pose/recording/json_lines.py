@@ -55,8 +55,9 @@ def cut_torn(path: Path) -> tuple[int, bytes]:
     """
     count, end, last = 0, 0, b""
     with path.open("r+b") as file:
-        while (line := file.readline(MAX_LINE_BYTES)).endswith(b"\n"):
-            count, end, last = count + 1, end + len(line), line
+        while piece := file.readline(MAX_LINE_BYTES):  # a line may be too long
+            if piece.endswith(b"\n"):
+                count, end, last = count + 1, file.tell(), piece
         file.truncate(end)
     return count, last
 

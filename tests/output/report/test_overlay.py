@@ -59,13 +59,13 @@ def standing(slot: int, selected: list[bool], track_id: int = 0, blind: str = ""
     return SlotRecord(slot, 0.1 * slot, awake, awake, people, nothing, nothing, awake, blind=blind)
 
 
-def video(path: Path, levels: list[int]) -> str:
+def video(path: Path, levels: list[int], size: tuple[int, int] = SIZE) -> str:
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=10)
-        stream.width, stream.height = SIZE
+        stream.width, stream.height = size
         stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, 10)
         for level in levels:
-            image = np.full((SIZE[1], SIZE[0], 3), level, dtype=np.uint8)
+            image = np.full((size[1], size[0], 3), level, dtype=np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         container.mux(stream.encode())
     return str(path)
@@ -133,6 +133,14 @@ def test_panels_show_each_slots_frame_with_its_skeleton(tmp_path: Path) -> None:
     assert np.abs(first[64, 48] - color).max() < 40  # the stick's middle in camera a
     assert np.abs(first[64, width + 4 + 38] - color).max() < 40  # 10 px to the left in camera b
     assert np.abs(first[64, width + 4 + 48].astype(int) - color).max() > 60
+
+
+def test_a_picture_of_another_shape_has_its_skeleton_where_the_person_is(tmp_path: Path) -> None:
+    files = {"a": video(tmp_path / "a.mp4", [180] * 2, (3 * SIZE[0], SIZE[1]))}
+    records = [standing(1, [True, False])]
+    (drawn,) = overlay_images(recording(tmp_path, **files), records, height_px=SIZE[1])
+    apart = np.abs(drawn[64].astype(int) - track_color(0)).max(axis=1)  # of the stick's middle
+    assert apart[3 * 48 + 1] < 40 and apart[48] > 60
 
 
 def test_blind_slot_is_drawn_in_a_colour_of_its_own(tmp_path: Path) -> None:
