@@ -107,7 +107,7 @@ def doubts_of(held_out: HeldOut | None, reprojection: HeldOut) -> list[str]:
 
     A camera may also be far off because the others place people badly without it, or are pulled by
     one in a wrong place: only one that does not fit in `reprojection`, of poses that all made, is
-    named.
+    named. Where there is none, no camera is.
     """
     if held_out is None:
         few = len(reprojection.cameras) <= MIN_CAMERAS
@@ -120,13 +120,20 @@ def doubts_of(held_out: HeldOut | None, reprojection: HeldOut) -> list[str]:
             f"Joints are {median_mm:.0f} mm off across the rays of cameras that took no part: "
             "check the calibration and the time between the films."
         )
-    unfit = _odd_cameras(reprojection)
-    for name, (camera, others_mm) in _odd_cameras(held_out).items():
+    odd, unfit = _odd_cameras(held_out), _odd_cameras(reprojection)
+    for name, (camera, others_mm) in odd.items():
         if name in unfit:
             doubts.append(
                 f"Camera {name} disagrees with the others ({camera.median_mm:.0f} mm, the "
                 f"others {others_mm:.0f}): {_cause(name, camera)}"
             )
+    if odd and not odd.keys() & unfit:
+        camera, others_mm = max(odd.values(), key=lambda each: each[0].median_mm or 0.0)
+        doubts.append(
+            f"One of the cameras disagrees with the others ({camera.median_mm:.0f} mm, the others "
+            f"{others_mm:.0f}), or these place people badly without it; which one cannot be told: "
+            "check the calibration and the time between the films."
+        )
     missed = held_out.mean.missed_percent or 0.0
     if missed > DOUBTFUL_MISSED:
         doubts.append(f"{missed:.0f} % of the people whom such cameras detect have no pose.")
