@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields as fields_of
 from functools import cache
 from operator import attrgetter
 from typing import Any, TypeVar
@@ -12,7 +13,12 @@ Record = TypeVar("Record")
 def changed(record: Record, **fields: Any) -> Record:
     """Return a frozen dataclass with some fields changed, without its `__post_init__`.
 
-    It takes half of the time of `dataclasses.replace`, of which each slot has seventeen.
+    What that checks or derives is the caller's to keep. It takes half of the time of
+    `dataclasses.replace`, of which each slot has seventeen.
+
+    Args:
+        record: of a kind with slots.
+        fields: the new values, by field.
 
     Raises:
         AttributeError: for a field that it does not have.
@@ -30,4 +36,5 @@ def changed(record: Record, **fields: Any) -> Record:
 @cache
 def _fields_of(kind: Any) -> tuple[tuple[str, ...], attrgetter[tuple[Any, ...]]]:
     """Return the names of a record's fields, and what reads them all."""
-    return kind.__match_args__, attrgetter(*kind.__match_args__)
+    names = tuple(field.name for field in fields_of(kind))
+    return names, attrgetter(*names)
