@@ -64,6 +64,7 @@ def test_good_site_has_no_problem(site: Path, capsys: pytest.CaptureFixture[str]
     code, out, err = checked(site, capsys)
     assert (code, err) == (0, "")
     assert "Ready: 0 problems" in out
+    assert out.count("ok store") == 1
     assert "warning edge not running at tls/localhost:" in out
 
 
