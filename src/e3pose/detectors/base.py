@@ -20,6 +20,8 @@ class Detector(Protocol):
     """Finds people in images; `skeleton` is the joint axis of the poses it returns.
 
     One that has `threads`, the CPU threads of a look, may be called from several threads at once.
+    One that has `content_size(image_size)` -> `(width, height)` gets frames of films in that size,
+    where it is the smaller one, and returns pixels of it.
     """
 
     skeleton: Skeleton
