@@ -1,8 +1,8 @@
 """The commands in the pages do what the pages say: those that can run here run, literally.
 
 `RUNS` are run in a folder with a recording, a store and what else they name. Those like `NOT_HERE`
-run in another test, or cannot run, each with its reason. A command that is new in a page and like
-none of them fails.
+run in another test, or cannot run, each with its reason; `test_docs`
+parses these too. A command that is new in a page and like none of them fails.
 """
 
 from __future__ import annotations
@@ -112,6 +112,7 @@ NOT_HERE = {
     r"evaluate walk .*--hold-out each": "tests/evaluate/test_held_out.py",
     r"evaluate (my-recording|demo-output)": "another of `evaluate` runs, in a quarter of the time",
     r"calibrate align rig|calibrate (ex|in)trinsics (cam1|room)|sync cam1": "tests/calibrate",
+    r"calibrate extrinsics reconstruction": "tests/cli/test_calibrating_rigs.py, with --only",
     r"simulate (films|my-)": "takes a minute; tests/live draws films of one person",
     r"models (bench|pull|path)": "tests/cli/test_models.py; needs a network that is downloaded",
     r"power (plan|--watch|measure)": "tests/energy/test_modes.py, tests/cli/test_metering.py",

@@ -59,8 +59,8 @@ def up(
         Also run `e3pose view`: the live page, at the printed address. Its port is that of the site
         file; by default 8470, or the next free one.
     together
-        Run all cameras in one program with one copy of the network, as `e3pose cameras` does: this
-        takes less than half of the memory.
+        Run all cameras in one program with one copy of the network, as `e3pose cameras` does, which
+        saves memory.
     delay
         Publish poses a second time, smoothed, this much later, such as 200ms. Default:
         `smooth_delay_ms` of the site file.
