@@ -99,10 +99,13 @@ TESTED = {
     "upgrade of a store killed": "store/test_versions.py",
     "person forgotten, edge stopped": "site/test_traces.py",
     "an ONVIF camera that answers by drops": "site/setup/test_onvif.py",
-    f"{ROOTS}images on the wire that nobody asked for": "live/test_on_the_wire.py",
+    "images on the wire that nobody asked for": "live/test_on_the_wire.py"
+    "::test_cameras_send_no_image_unless_somebody_asks",
     "camera that joins by a code": "site/test_joining.py",
     "the same with edge, page and camera at work": "live/test_outside.py"
     "::test_camera_joins_by_the_code_of_the_page_and_works_at_once",
+    "the same by a terminal of the edge": "live/test_outside.py"
+    "::test_camera_joins_by_a_terminal_of_the_edge",
     "script in a person's name": "live/test_view_names.py::test_a_name_runs_no_script",
 }
 HONEST = ("cam0", "cam1", "cam2")  # of four
