@@ -367,6 +367,28 @@ def test_check_of_a_site_loads_no_compiler_and_no_database(tmp_path: Path) -> No
     assert {"numba", "scipy", "sqlalchemy", "cv2", "onnxruntime"} & set(loaded.split()) == set()
 
 
+def test_benchmarks_replace_only_what_is_there() -> None:
+    """`patch.object(module, "name")` is a string to types, and benchmarks run rarely."""
+    missing = []
+    for path in sorted((ROOT / "lab").rglob("*.py")):
+        modules = {
+            alias.asname or alias.name: f"{node.module}.{alias.name}"
+            for node in nodes(path)
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("e3pose")
+            for alias in node.names
+        }
+        for node in nodes(path):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("patch.object"):
+                owner, name = map(ast.unparse, node.args[:2])
+                if owner in modules:
+                    room, _, last = modules[owner].rpartition(".")
+                    found = getattr(importlib.import_module(room), last, None)
+                    found = found or importlib.import_module(modules[owner])
+                    if not hasattr(found, ast.literal_eval(name)):
+                        missing.append(f"{path.name}: {owner}.{name}")
+    assert not missing
+
+
 def test_public_names_are_listed_and_there() -> None:
     names = dir(e3pose)
     assert "replay" in names and "annotations" not in names and "importlib" not in names

@@ -157,7 +157,7 @@ def run_camera(log: str, slot_s: str, look: str, pictures: str, *words: str) -> 
     networks: list[Network] = []
     look_s = float(look) * float(slot_s)
 
-    def network(node: object = None) -> Network:
+    def network(*_: object) -> Network:
         networks.append(Network(look_s))
         return networks[-1]
 
@@ -176,7 +176,7 @@ def run_camera(log: str, slot_s: str, look: str, pictures: str, *words: str) -> 
         return made
 
     with (
-        patch.object(camera_program, "_detector", network),
+        patch.object(camera_program, "load_detector", network),
         patch.object(camera_program, "open_sampler", sampler),
         patch.object(camera_program, "make_source", source),
     ):

@@ -339,8 +339,11 @@ def join(
 
 
 def shown_code(page: Page) -> str:
-    """Press the button of the page; return the code that it shows."""
-    page.run("document.getElementById('join-button').click()")
+    """Press the button of the page, as soon as it can be; return the code that it shows."""
+    free = "!document.getElementById('join-button').disabled"
+    assert eventually(
+        lambda: page.run(f"{free} && !document.getElementById('join-button').click()")
+    )
     assert eventually(lambda: page.run("!!document.getElementById('join-code')"))
     return str(page.text("join-code"))
 
