@@ -471,9 +471,7 @@ def _look(detector: Detector, picture: Picture) -> Poses2D:
     size = size_of(picture.size)
     if size[0] >= picture.size[0]:
         return detector.detect(picture.image)
-    found = detector.detect(picture.shrunk(size))
-    keypoints_px = (found.keypoints_px + 0.5) * np.divide(picture.size, size) - 0.5
-    return Poses2D(keypoints_px, found.scores)
+    return detector.detect(picture.shrunk(size)).resized(np.divide(picture.size, size))
 
 
 def _expected(settings: DetectSettings, sources: Mapping[str, Source], grid: SlotGrid) -> list[int]:

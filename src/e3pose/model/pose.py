@@ -48,6 +48,14 @@ class Poses2D:
     def __len__(self) -> int:
         return len(self.scores)
 
+    def resized(self, factor: Floats) -> Poses2D:
+        """Return the same in an image that is `factor` times as large.
+
+        Args:
+            factor: `(2,)` of width and height; the middle of a pixel stays its middle.
+        """
+        return Poses2D((self.keypoints_px + 0.5) * factor - 0.5, self.scores, self.unchanged_s)
+
     @classmethod
     def empty(cls, num_joints: int) -> Poses2D:
         """Return a view in which nobody was seen."""

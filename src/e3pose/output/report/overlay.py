@@ -223,9 +223,8 @@ def _panel(
         image = (image * ASLEEP_BRIGHTNESS).astype(np.uint8)
     # Lines are drawn larger and shrink with the picture.
     colors = [track_color(int(track_id)) for track_id in record.people.track_ids]
-    poses = reproject(record.people, camera)
-    larger = np.divide(image.shape[1::-1], camera.image_size)  # of width and height
-    poses = Poses2D((poses.keypoints_px + 0.5) * larger - 0.5, poses.scores)
+    larger = np.divide(image.shape[1::-1], camera.image_size)
+    poses = reproject(record.people, camera).resized(larger)
     drawn = draw_poses(image, poses, recording.skeleton, colors)
     panel = cv2.resize(drawn, (width_px, height_px), interpolation=cv2.INTER_AREA)
     text = f"{camera.camera_id} {camera_word(record, index)}"
