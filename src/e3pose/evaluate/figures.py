@@ -17,8 +17,7 @@ from e3pose.energy.profiles import DeviceProfile, Mode, load_profile
 from e3pose.energy.queues import mean_watts, paper_percent
 from e3pose.energy.saving import NO_SAVINGS, Saving, Savings, charged, saving
 from e3pose.evaluate.metrics import MATCH_LIMIT_M, mean_errors_m
-from e3pose.model.blind_slot import duty as duty_of
-from e3pose.model.blind_slot import seeing
+from e3pose.model.blind_slot import duty_of, seeing
 from e3pose.model.uncertainty import distance_within_m, expected_distance_m
 from e3pose.recording import Recording
 from e3pose.settings.energy import AWAKE
@@ -49,7 +48,7 @@ def modelled_watts(
     """
     counted = seeing(records, len(profiles))
     sending = _sending(counted) if sends_boxes and len(counted) else 0.0
-    watts = mean_watts(duty_of(records, len(profiles)), profiles, idle_mode, sending)
+    watts = mean_watts(duty_of(counted), profiles, idle_mode, sending)
     if slept_w is not None:
         watts = watts - slept_w
     return watts, np.array([each.watts("active") for each in profiles])
@@ -96,7 +95,7 @@ def energy_figures(
     if not len(counted):
         return None
     batteries_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), watts.shape)
-    duty = float(duty_of(records, len(watts)).mean())
+    duty = float(duty_of(counted).mean())
     sending = float(_sending(counted).mean()) if sends_boxes else 0.0
     seconds = len(records) * recording.interval_s
     return Energy(

@@ -159,9 +159,8 @@ class VersionStore:
                 if path.stem.isdecimal() and int(path.stem) not in spared:
                     path.unlink(missing_ok=True)
                     path.with_suffix(".md").unlink(missing_ok=True)
-            for path in self.folder.glob(
-                ".[0-9]*.onnx.*"
-            ):  # of a process killed while it wrote one
+            # Of a process that was killed while it wrote one.
+            for path in self.folder.glob(".[0-9]*.onnx.*"):
                 path.unlink(missing_ok=True)
         return version
 
