@@ -227,7 +227,7 @@ def step(
 def _shown(
     pipeline: Pipeline, state: SlotState, estimate: Estimate, selected: Selection
 ) -> Estimate:
-    """Return what to publish: the people of the slot before where no camera was selected."""
+    """Return the people to publish: of the slot before where no camera was selected."""
     holds = Need.HELD_POSES in pipeline.needs
     if holds and not selected.any() and state.shown is not None:
         held = state.shown.people

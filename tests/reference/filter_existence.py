@@ -29,7 +29,7 @@ from e3pose.estimate.filter.state import Belief, Model
 from e3pose.model.projection import MIN_DEPTH_M, project
 
 
-def attend(
+def count_views(
     belief: Belief,
     predicted: Belief,
     cameras: Integers,

@@ -15,7 +15,7 @@ from tests.reference import (
 )
 from tests.reference.filter_associate import associate
 from tests.reference.filter_births import give_birth
-from tests.reference.filter_existence import attend, end
+from tests.reference.filter_existence import count_views, end
 from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import (
     Sightings,
@@ -87,7 +87,7 @@ def step(
     belief = filter_learned_noise.learn(belief, seen, cameras, dt, model)
     belief = learn_biases(belief, seen, cameras, dt, model)
     shares = _information_share(seen, knots_px[cameras])
-    belief = attend(belief, predicted, cameras, fits, assigned >= 0, shares, dt, model)
+    belief = count_views(belief, predicted, cameras, fits, assigned >= 0, shares, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned, stills)
     belief = end(give_birth(belief, fresh, cameras, dt, model), model)
     return belief, people_of(belief, model)

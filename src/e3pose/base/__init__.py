@@ -1,1 +1,1 @@
-"""What everything stands on: errors, quantities, clocks, files, locks, kernels, plug-ins."""
+"""Foundations: errors, quantities, clocks, files, locks, kernels, plug-ins."""

@@ -32,7 +32,7 @@ TOML_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
 
 
 def bytes_of(path: Path) -> int:
-    """Return the bytes of a file, or of all files in a folder; those that are gone count none."""
+    """Return the bytes of a file, or of all files in a folder; deleted ones count none."""
     total = 0
     for file in path.rglob("*") if path.is_dir() else (path,):
         with suppress(OSError):  # deleted meanwhile
@@ -98,7 +98,7 @@ def read_lines(path: Path, limit_bytes: int) -> Iterator[tuple[int, bytes]]:
 
 
 def decode_json(kind: type[T], content: bytes | msgspec.Raw, where: object, expected: str) -> T:
-    """Return what a whole file of JSON holds.
+    """Return the content of a whole file of JSON.
 
     Args:
         kind: of what it holds.

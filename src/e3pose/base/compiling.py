@@ -1,4 +1,4 @@
-"""How far the kernels of this process are compiled, and how long the rest takes."""
+"""Progress of compilation in this process, and its remaining time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def progress_text(rest_s: float | None) -> str:
 
 
 class Compiling:
-    """Follows what is compiled in this process; `dispatcher` makes numba tell it.
+    """Follows the compilations of this process; `dispatcher` makes numba report them.
 
     Args:
         clock: seconds.

@@ -1,4 +1,4 @@
-"""Compile what a kernel calls as a part of it: optimised once, and without an entry from Python.
+"""Compile callees of a kernel into it: optimised once, without an entry from Python.
 
 numba makes every function a library of its own, with machine code and two entries from outside,
 and optimises all that it calls once more in each caller. A slot is one call into a tree of a
@@ -78,7 +78,7 @@ class Whole(JITCodeLibrary):  # type: ignore[misc]
         super()._optimize_final_module()
 
     def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, bytes]]:
-        """Keep machine code, and names alone of what it is made of: reading all takes long."""
+        """Keep machine code and only the names of its parts: reading all of them takes long."""
         self._ensure_finalized()
         names = "".join(
             f'define void @"{function.name}"() {{ ret void }}\n'
@@ -89,7 +89,7 @@ class Whole(JITCodeLibrary):  # type: ignore[misc]
 
 
 def _with_parts(libraries: list[Any]) -> Iterator[Any]:
-    """Yield libraries and those that parts of them call, each once."""
+    """Yield libraries and the libraries that their parts call, each once."""
     found: dict[Any, None] = {}
     left = list(reversed(libraries))
     while left:
@@ -218,7 +218,7 @@ types.BaseFunction.get_call_type = _call_type
 
 
 def dispatcher_of(function: Callable[..., Any]) -> Any:
-    """Return what compiles a function and calls it; kept on disk where it can be written."""
+    """Return the dispatcher of a function; its code is kept on disk where that can be written."""
     try:
         made = KernelDispatcher(function, targetoptions={**OPTIONS, "nopython": True})
     except AttributeError:  # another numba: compile each time

@@ -1,4 +1,4 @@
-"""What went wrong, and the exit code that says which kind of wrong it is."""
+"""Errors, and the exit code of each kind."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class GaveUp(Fault):
 
 
 class InputError(ValueError):
-    """A file, option or message is not what it should be.
+    """A file, option or message differs from what is expected of it.
 
     Its text is one line a user can act on: `site.toml: loop.cameras: found 99, expected ...`. The
     command line prints it and exits with code 2. Whoever finds the fault knows what was found and
@@ -59,7 +59,7 @@ class InputError(ValueError):
     def __init__(
         self, thing: str, found: object = None, expected: str | None = None, place: str = ""
     ) -> None:
-        """Say what is wrong.
+        """Take a message that names the fault.
 
         Args:
             thing: what is wrong; or, alone, the whole sentence.
@@ -111,7 +111,7 @@ class InputError(ValueError):
         return ": ".join(part for part in (self.place, self.thing, what) if part)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the error again in another process."""
+        """Return the parts from which another process makes the error again."""
         return InputError, self.args
 
 

@@ -15,7 +15,7 @@ FOLDERS = {"lab": "lab", "train": "lab", "hub": "hub"}  # of extras that are oth
 
 @cache
 def install_command(extra: str) -> str:
-    """Return what to type for an extra, such as `pip install 'e3pose[lab]'`."""
+    """Return the command that installs an extra, such as `pip install 'e3pose[lab]'`."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
@@ -31,5 +31,5 @@ def install_command(extra: str) -> str:
 
 
 def not_installed(name: str | None, extra: str) -> str:
-    """Return what to say of a module that an extra brings."""
+    """Return the message on a module of an extra that is not installed."""
     return f"{name} is not installed: {install_command(extra)}"

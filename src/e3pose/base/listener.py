@@ -24,7 +24,7 @@ RETRY_S = 0.1  # after the system could not accept a connection
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How many connections a port serves.
+    """Limits on the connections of a port.
 
     Attributes:
         connections: in all.
@@ -40,7 +40,7 @@ class Bounds:
 
 
 def network_of(address: str) -> str:
-    """Return what counts as one address: an IPv4 address, or the /64 of an IPv6 address."""
+    """Return the network that counts as one address: an IPv4 address, or an IPv6 address's /64."""
     try:
         found = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:
@@ -144,7 +144,7 @@ class Listener:
     _held: list[_Held] = field(default_factory=list)
 
     async def run(self) -> None:
-        """Accept connections until cancelled; then close those that are left."""
+        """Accept connections until cancelled; then close the open ones."""
         loop = asyncio.get_running_loop()
         self.listening.setblocking(False)
         sweeping = loop.create_task(self._sweep())

@@ -69,7 +69,7 @@ class LogStream(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Have what was taken written soon, without waiting for it."""
+        """Have the queued lines written soon, without waiting for it."""
         with self._lock:
             text, self._begun = self._begun, ""
         if len(self._parts) >= QUEUE:

@@ -1,4 +1,4 @@
-"""Means and medians of what is known."""
+"""Means and medians of known values."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ FILE_ENDING = ".py"
 
 
 def member(group: str, thing: str, name: str, known: Mapping[str, T], more: str = "") -> T:
-    """Return what a name of a family stands for.
+    """Return the member of a family that a name stands for.
 
     Args:
         group: the entry points that belong to the family, such as `e3pose.policies`.
@@ -59,7 +59,7 @@ def is_offered(group: str, name: str, known: Mapping[str, object]) -> bool:
 def maker(
     group: str, thing: str, name: str, known: Mapping[str, Callable[..., T]], more: str = ""
 ) -> Callable[..., T]:
-    """Return what makes a member of a family; see `member`.
+    """Return the factory of a family's member; see `member`.
 
     One of one's own may be a function with the arguments of the family's makers, a class, which is
     called without any, or the finished object.
@@ -68,7 +68,7 @@ def maker(
 
 
 def making(found: Any) -> Callable[..., Any]:
-    """Return what makes a member, of what its name stands for; see `maker`."""
+    """Return the factory of a member, from the module that its name stands for; see `maker`."""
     if isinstance(found, type):
         return lambda *_: found()
     if inspect.isroutine(found) or isinstance(found, partial):

@@ -20,7 +20,7 @@ MAX_SECRET_BYTES = 4096
 
 
 def shared(folder: Path) -> bool:
-    """Return whether the group of a folder may read what is made in it."""
+    """Return whether the group of a folder may read files made in it."""
     try:
         return bool(folder.stat().st_mode & stat.S_ISGID)
     except OSError:

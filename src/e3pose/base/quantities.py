@@ -91,7 +91,7 @@ def quantity(text: object, units: Mapping[str, float], example: str) -> float:
 
 
 def number(text: object, what: str) -> float:
-    """Read a number above 0; `what` says in an error what was expected."""
+    """Read a number above 0; `what` names the expected quantity in an error."""
     try:
         value = float(text) if isinstance(text, str | int | float) else math.nan
     except ValueError:

@@ -75,7 +75,7 @@ class _Fields(AttributeTemplate):  # type: ignore[misc]
     key = StructureType
 
     def generic_resolve(self, kind: StructureType, name: str) -> Any:
-        """Return the type of a field; `values` of what is held is itself."""
+        """Return the type of a field; `values` of a held record is the record itself."""
         if name in kind.fields:
             return kind.fields[name][0]
         return kind if name == "values" else None

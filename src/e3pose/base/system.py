@@ -1,4 +1,4 @@
-"""What Linux, macOS and Windows do differently with files, cores and addresses.
+"""Differences of Linux, macOS and Windows in files, cores and addresses.
 
 The platform is asked here and in `base.child_process`, and nowhere else; `make types` looks at the
 types with the eyes of each of the three.
@@ -114,7 +114,7 @@ def reserve(handle: int, num_bytes: int) -> None:
 
 
 def sync_content(handle: int) -> None:
-    """Have what was written to a file on the disk when this returns."""
+    """Write the content of a file through to the disk."""
     if sys.platform == "linux":
         os.fdatasync(handle)
     else:

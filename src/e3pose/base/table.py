@@ -61,7 +61,7 @@ def entry(
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Entry:
-    """What a record says of one of its fields."""
+    """The declaration of one field of a record."""
 
     field: str
     key: str
@@ -73,7 +73,7 @@ class Entry:
 
 @lru_cache(maxsize=256)
 def entries(kind: Any) -> tuple[Entry, ...]:
-    """Return what can be written in a table of a kind: a dataclass or a msgspec struct."""
+    """Return the entries of a kind of table: a dataclass or a msgspec struct."""
     if not dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind)
         return tuple(

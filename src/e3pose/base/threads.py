@@ -104,7 +104,7 @@ class OtherThread:
         threading.Thread(target=self._run, name="apart", daemon=True).start()
 
     def call(self, function: Callable[[], Found], limit_s: float) -> Found:
-        """Return what a function returns, and raise what it raises.
+        """Call a function; return its result or raise its error.
 
         Raises:
             TimeoutError: when it takes more than `limit_s`.

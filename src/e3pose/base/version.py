@@ -12,7 +12,7 @@ Version = tuple[int, ...]
 
 
 def version_of(paths: Iterable[Path]) -> Version | None:
-    """Return what changes whenever one of the files is replaced; None while one is missing."""
+    """Return a value that changes whenever a file is replaced; None while one is missing."""
     try:
         found = [path.stat() for path in paths]
     except OSError:

@@ -127,7 +127,7 @@ class Board:
 
     @property
     def name(self) -> str:
-        """What `parse` reads."""
+        """The text that `parse` reads."""
         words = [self.kind, f"{self.columns}x{self.rows}", f"{1000 * self.square_m:.6g}mm"]
         words += [self.dictionary] if self.dictionary else []
         if self.marker_share != MARKER_SHARE:
@@ -162,7 +162,7 @@ class Board:
 
 
 def make_finder(board: Board) -> Callable[[NDArray[np.uint8]], Floats]:
-    """Return what finds a board in a grey `(height, width)` picture.
+    """Return a finder of the board in a grey `(height, width)` picture.
 
     It returns `(num_corners, 2)` pixels in the order of `corners_m`, NaN where a corner was not
     found; all NaN without the board, or with fewer than `MIN_CORNERS` corners that form no line.

@@ -33,7 +33,7 @@ MIN_DEPTH = 1e-3  # metres; nearer points count as this far
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observed:
-    """What cameras saw, in ideal normalised coordinates.
+    """Observations of cameras, in ideal normalised coordinates.
 
     Attributes:
         points: `(num_cameras, num_blocks, num_points, 2)`; 0 where not seen.
@@ -74,7 +74,7 @@ def observe(rig: Rig, keypoints_px: Floats, sigma_px: Floats) -> Observed:
 
 
 def root_mean_square(values: Floats, axis: int | tuple[int, ...]) -> Floats:
-    """Return the root mean square over axes of `(*batch)` values, of those that are finite.
+    """Return the root mean square of the finite values of `(*batch)`, over axes.
 
     Args:
         values: NaN where missing.
@@ -113,7 +113,7 @@ class Adjusted:
 
 @dataclass(frozen=True, slots=True)
 class AdjustOptions:
-    """What may move in an adjustment, and what counts as an outlier.
+    """The free parameters of an adjustment, and its limit for outliers.
 
     Attributes:
         outlier_sigmas: residual at which Cauchy's loss halves the weight; infinite for none.

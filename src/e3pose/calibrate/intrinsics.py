@@ -135,7 +135,7 @@ def covered(corners_px: Floats, image_size: tuple[int, int]) -> NDArray[np.int64
 
 
 def advice(corners_m: Floats, corners_px: Floats, image_size: tuple[int, int]) -> list[str]:
-    """Return what to record next for a better calibration, as sentences.
+    """Return advice on further recordings for a better calibration, as sentences.
 
     Args:
         corners_m: `(num_corners, 3)` on the board.
@@ -433,7 +433,7 @@ def _fitted(
 
 
 def _focal_sigma(camera: Camera, corners_m: Floats, corners_px: Floats, fit_px: float) -> float:
-    """Return how well the views fix the focal length, as a share of it."""
+    """Return the standard deviation of the focal length, as a share of it."""
     boards = np.stack([_place_roughly(camera, corners_m, view) for view in corners_px])
     good = np.isfinite(boards).all(axis=(1, 2))
     result = adjust_boards(

@@ -125,7 +125,7 @@ def _left_out(rig: Rig, pixels: Floats, sigma: Floats) -> Floats:
 
 
 def _blamed(rig: Rig, shifts: Floats, inner: Floats) -> Flags:
-    """Return `(num_cameras,)`: those that were moved.
+    """Return `(num_cameras,)`: the cameras that were moved.
 
     A camera in a wrong place pulls what it places with the others, so that these seem shifted, too;
     where all place people together, it alone does not fit.
@@ -142,7 +142,7 @@ def _blamed(rig: Rig, shifts: Floats, inner: Floats) -> Flags:
 
 
 def _median(values: Floats) -> Floats:
-    """Return medians over the last axis of what is known; NaN where little is."""
+    """Return medians of known values over the last axis; NaN where few are known."""
     out = np.full(values.shape[:-1], np.nan)
     for place in np.ndindex(out.shape):
         known = values[place][np.isfinite(values[place])]

@@ -1,4 +1,4 @@
-"""What is expected of unknown lenses: one focal length for cameras of one kind.
+"""Priors on unknown lenses: one focal length for cameras of one kind.
 
 Errors of a detector follow what it sees and so repeat: an observation counts for a fraction of one
 when lenses are compared, else cameras of one kind would never seem alike.

@@ -61,7 +61,7 @@ class People3D:
 
 
 def place_people(rig: Rig, joints: Joints, skeleton: Skeleton, fps: float) -> People3D:
-    """Triangulate matched joints; those that the views disagree on are left out."""
+    """Triangulate matched joints, without the joints that views disagree on."""
     points = place_points(rig, joints.keypoints_px, joints.sigma_px)
     errors = np.stack([camera.project(points) for camera in rig.cameras]) - joints.keypoints_px
     size = np.linalg.norm(errors, axis=-1) / joints.sigma_px

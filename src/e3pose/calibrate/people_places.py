@@ -200,7 +200,7 @@ def _check_near(rig: Rig, start: Rig) -> None:
 
 
 def scale_of(rig: Rig, people: People3D, known: KnownLength) -> Scale:
-    """Return the scale by what is known of lengths; of people's heights if nothing is."""
+    """Return the scale by a known length; by people's heights if none is known."""
     if known.distance is not None:
         return from_distance(rig, *known.distance)
     if known.limb is not None:

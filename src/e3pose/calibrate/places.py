@@ -61,7 +61,7 @@ class Places:
 
 @dataclass(frozen=True, slots=True)
 class KnownLength:
-    """What fixes the scale; at most one of them.
+    """A length that fixes the scale; one of its fields at most is set.
 
     Attributes:
         height_m: how tall the people are.

@@ -79,7 +79,7 @@ def incidence(num_cameras: int, pairs: Sequence[tuple[int, int, float]]) -> Floa
 
 
 def disagreement(rows: Floats, misses: Floats, weights: Floats) -> Floats:
-    """Return `(num_cameras,)` root mean square of what a camera's pairs miss; NaN for one pair.
+    """Return `(num_cameras,)` rms residuals of each camera's pairs; NaN for a single pair.
 
     Args:
         rows: of `incidence`.

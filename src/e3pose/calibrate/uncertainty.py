@@ -1,4 +1,4 @@
-"""How sure a rig from people is, although errors of keypoints repeat.
+"""The uncertainty of a rig from people, whose keypoint errors repeat.
 
 A detector is off in the same way for as long as a person keeps a posture, and in one joint of
 everybody. The covariance of a least-squares fit takes errors to be independent and so promises far
@@ -43,7 +43,7 @@ FAR_DEG = 15.0  # from a calibration, farther is more likely wrong than right
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraErrors:
-    """What a calibration's cameras are expected to be off by.
+    """The expected errors of a calibration's cameras.
 
     All are after the similarity transform that fits the cameras best; NaN where unknown.
 
@@ -125,7 +125,7 @@ def camera_errors(rig: Rig, found: PeopleRig | None, likely: list[Rig]) -> Camer
 
 
 def likely_rigs(found: PeopleRig, fps: float) -> list[Rig]:
-    """Return rigs that the same people could give as well, in the unit of what they gave.
+    """Return other rigs that the same people could give, in the same unit.
 
     Args:
         found: a rig whose cameras are all placed.
@@ -160,7 +160,7 @@ def rays_apart(found: Rig, truth: Rig) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """What a rig from people says of its cameras, to first order, with the joints found along.
+    """The information of people on the cameras of a rig, to first order, joints eliminated.
 
     Attributes:
         system: residuals of points at the solution.

@@ -187,7 +187,7 @@ def _along(wand: Wand, points: Floats) -> Floats:
 
 
 def _checked(wand: Wand, shares: Floats) -> tuple[float, float]:
-    """Return metres in a unit and their spread as a share; raise `InputError` for what is wrong."""
+    """Return lengths in metres and their spread as a share; raise `InputError` for other values."""
     names = [f"{wand.markers[a]} to {wand.markers[b]}" for a, b in wand.pairs]
     middle = np.nanmedian(shares, axis=0)
     spread = 1.4826 * np.nanmedian(np.abs(shares / middle - 1), axis=0)

@@ -135,7 +135,7 @@ class SteeredSource(DetectingSource, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SourceSettings:
-    """How a source is made.
+    """Settings of a source of frames.
 
     Attributes:
         name: what follows its scheme: `0` of `usb:0`; all of a source that has none.
@@ -166,7 +166,7 @@ class LiveDetector(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NodeSettings:
-    """What a camera is.
+    """Settings of a camera node.
 
     Attributes:
         site: its site.

@@ -53,7 +53,7 @@ def decoded(packet: Any) -> list[Any] | None:
 
 
 class Intact:
-    """Gives intact pictures: none of the damaged, nor of those guessed until the next key frame.
+    """Passes intact pictures on: no damaged ones, and none guessed until the next key frame.
 
     Pictures come out later than their packets go in. What is shown before the last key frame that
     went in may still be guessed. A key frame itself may never be shown: an edit list can begin

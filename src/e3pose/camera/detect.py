@@ -52,7 +52,7 @@ MAX_SLOTS = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class DetectSettings:
-    """Which frames to detect in, and what becomes of the videos.
+    """The frames to detect in, and the use of the videos.
 
     Attributes:
         fps: slots per second; None for the videos' common rate.
@@ -128,7 +128,7 @@ class Room:
 
 
 class _Film:
-    """One camera: what was detected in an earlier run, then its video."""
+    """One camera: the detections of an earlier run, then its video."""
 
     def __init__(
         self,
@@ -150,7 +150,7 @@ class _Film:
         self._frames, self.next = frames, next(frames, None)
 
     def earlier(self, slot: int) -> Poses2D | None:
-        """Return what an earlier run found in a slot."""
+        """Return the detections of an earlier run in a slot."""
         return None if self._earlier is None else self._earlier.view(slot)
 
     def frame(self, slot: int) -> tuple[float, Picture] | None:
@@ -202,7 +202,7 @@ def detect_together(
     ]  # fmt: skip
 
     def look(name: str, film: _Film, people: ExpectedView | None) -> Poses2D | None:
-        """Return who is in a camera's frame of the slot; None without a frame."""
+        """Return the people in a camera's frame of the slot; None without a frame."""
         if (here := film.frame(state.slot)) is None:
             return None
         with times[name].look():
@@ -236,7 +236,7 @@ SAME_RATE = 0.005  # relative; 29.97 and 30 frames per second are the same nomin
 
 @dataclass(frozen=True, slots=True)
 class CameraReport:
-    """What became of one camera's video.
+    """The result for one camera's video.
 
     Attributes:
         frames: slots with a view.
@@ -251,7 +251,7 @@ class CameraReport:
 
 @dataclass(frozen=True, slots=True)
 class DetectReport:
-    """What `detect_videos` left behind.
+    """The result of `detect_videos`.
 
     Attributes:
         fps: slots per second.

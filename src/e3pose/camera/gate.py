@@ -60,7 +60,7 @@ class Gate:
         captured_ns: int,
         begin: Callable[[], None] = lambda: None,
     ) -> Poses2D:
-        """Return who is in a frame: found now, or in the last look where it is unchanged since.
+        """Return the people in a frame: found now, or in the last look where it is unchanged since.
 
         A look at a part of the image says nothing of the rest: a look at all of it is taken.
 

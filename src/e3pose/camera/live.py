@@ -67,7 +67,7 @@ class Box(Generic[Thing]):
 
     @property
     def busy(self) -> bool:
-        """Whether something is in it, or who took the last thing has not come back for another."""
+        """Whether something is in it, or its taker has not come back yet."""
         return self._thing is not None or self._dealing
 
     def put(self, thing: Thing) -> None:
@@ -182,7 +182,7 @@ class Spending:
         return {**times.fields(), **self._meter(times.mode)}
 
     def begin_slot(self, active: bool) -> None:
-        """Take what was spent, if somebody waits; call it before the slot's look.
+        """Take times and energy so far, if somebody waits for them; call it before a slot's look.
 
         Args:
             active: whether the camera is to look: what it does from now on.
@@ -192,7 +192,7 @@ class Spending:
             self.told.set()
 
     def by_next_slot(self) -> dict[str, Any]:
-        """Return what was spent when the next slot began; until now if none begins in time."""
+        """Return times and energy at the next slot's begin; the present ones if none is near."""
         self._taken.clear()
         self.told.clear()
         for _ in range(WAITS):
@@ -226,7 +226,7 @@ class Repeats:
         self._problem = ""
 
     def problem(self, frame: LiveFrame) -> str:
-        """Return what is wrong with a source whose newest frame this is; empty for nothing."""
+        """Return the problem of a source whose newest frame this is; empty for none."""
         now_ns = frame.captured_ns
         if frame.mark is None or (now_ns < self._next_ns and not self._problem):
             return self._problem
@@ -266,7 +266,7 @@ class Calls:
             del self._now[thing]
 
     def stuck(self) -> str:
-        """Return what has not answered for `STUCK_S`, or nothing; to be called all the time."""
+        """Return the part that has not answered for `STUCK_S`, if any; call it all the time."""
         now_s = time.monotonic()
         passed_s, self._looked_s = min(now_s - self._looked_s, LOOK_S), now_s
         for thing, call in list(self._now.items()):
@@ -402,7 +402,7 @@ class CameraNode:
 
     @property
     def mode(self) -> Activity:
-        """What it does now."""
+        """The present mode."""
         return self.modes.times().mode
 
     def edge_ns(self) -> int:
@@ -603,7 +603,7 @@ class CameraNode:
             del seen  # its picture takes some megabytes, until the next one comes
 
     def _look(self, seen: _Seen) -> None:
-        """Pass on what is in a frame; a network that runs makes the slot an active one."""
+        """Pass on the poses in a frame; a network that runs makes the slot an active one."""
         begun_ns = self.clock.now_ns()
         # What is decoded on demand stays small: it is converted again for who asks for a picture.
         shared = self.pictures is not None and seen.frame.decode is None

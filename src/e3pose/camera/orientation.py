@@ -23,7 +23,7 @@ from e3pose.model.pose import Poses2D
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """How a decoded picture becomes the shown one: transpose first, then mirror.
+    """The turn from a decoded picture to the shown one: transpose first, then mirror.
 
     Attributes:
         transpose: whether rows become columns.

@@ -1,4 +1,4 @@
-"""A phone as a source of frames: it opens a page of ours by https, and sends what its camera sees.
+"""A phone as a source of frames: it opens an https page and sends pictures of its camera.
 
 The phone keeps its page open and tries again each second, so that whoever reads the source next
 (the set-up, a recording, the running site) gets its frames: nothing listens while nobody reads.

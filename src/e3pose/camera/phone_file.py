@@ -80,7 +80,7 @@ class PhoneFile:
 
 
 def load_phone(path: Path) -> PhoneFile:
-    """Return what the file of a phone says; raise `InputError` for one that cannot be read."""
+    """Return the content of a phone's file; raise `InputError` for an unreadable one."""
     return read_file(PhoneFile, path, MAX_BYTES)
 
 

@@ -114,7 +114,7 @@ class PicameraSource:
         return LiveFrame(captured_ns, self.size, held.image)
 
     def take(self) -> tuple[_Held, int, dict[str, Any]] | None:
-        """Return the next frame, when it was taken, and what libcamera says of it."""
+        """Return the next frame, its capture time, and its metadata by libcamera."""
         if self.camera is None:
             return None
         try:

@@ -54,7 +54,7 @@ class Probe:
     note: str = ""
 
     def doubts(self) -> list[str]:
-        """Return what a person should know of it before it is used, a line each."""
+        """Return warnings about a source, a line each."""
         found = [self.note] if self.note else []
         found += ["its picture is dark; is the lens covered?"] if self.dark else []
         if self.nominal_fps is not None and self.fps < self.nominal_fps:
@@ -142,7 +142,7 @@ def _counted_hz(opened: LiveSource) -> float | None:
 def probe_all(
     asked: Mapping[str, Callable[[], Probe]], progress: Callable[[int, int], None]
 ) -> dict[str, Probe | InputError]:
-    """Return what is found of each camera, or why nothing is, probing all at once.
+    """Probe all cameras at once; return the findings of each, or why there are none.
 
     Args:
         asked: by camera, what probes it.
@@ -175,7 +175,7 @@ RAM = "mem"  # how the kernel calls suspend to RAM
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What was found; an `InputError` says why something is not there.
+    """The findings on a machine; an `InputError` gives the reason for a missing one.
 
     Attributes:
         seen: of its source.

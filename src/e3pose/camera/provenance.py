@@ -1,4 +1,4 @@
-"""How a recording was detected: the file `detection.toml` beside it."""
+"""The origin of a recording's detections: the file `detection.toml` beside it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_BYTES = 2**20
 
 
 class Provenance(msgspec.Struct, frozen=True):
-    """How a recording was detected.
+    """The origin of a recording's detections.
 
     Attributes:
         settings: what decided its content, by name.

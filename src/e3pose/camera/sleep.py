@@ -1,4 +1,4 @@
-"""How a camera sleeps: its program alone, or the whole machine with an alarm of its own."""
+"""Sleep of a camera: of its program alone, or of the whole machine with an alarm of its own."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Suspend:
 
 
 def open_suspend(sleep: Sleep, command: Sequence[str]) -> Suspend | None:
-    """Return what suspends the machine; None where its owner does not allow that.
+    """Return the function that suspends the machine; None where its owner does not allow that.
 
     Args:
         sleep: what the owner allows.

@@ -420,7 +420,7 @@ class _Film:
         return True
 
     def packets(self, stream: Any) -> Iterator[tuple[Any, list[Any] | None]]:
-        """Yield the packets of a stream and what is in each; None in one that is damaged."""
+        """Yield the packets of a stream and their pictures; None for a damaged one."""
         import av
 
         packets = self.container.demux(stream)
@@ -601,7 +601,7 @@ class ImageFolder:
 
     @property
     def num_frames(self) -> int:
-        """How many images there would be if no number were missing."""
+        """The number of images if no number were missing."""
         return max(self.files) - self.first + 1
 
     def frames(self, start_s: float = 0.0) -> Iterator[ImageFrame]:

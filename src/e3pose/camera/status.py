@@ -1,4 +1,4 @@
-"""What a camera reports of itself: hello and heartbeat."""
+"""Reports of a camera about itself: hello and heartbeat."""
 
 from __future__ import annotations
 

@@ -54,11 +54,11 @@ class Unfinished:
         return self.folder / "keypoints" / f"{camera_id}.jsonl"
 
     def damage(self, camera_id: str) -> str | None:
-        """Return what was damaged in a video that was read to its end; None if it was not yet."""
+        """Return the damage of a video that was read to its end; None before the end."""
         return self._state.done.get(camera_id)
 
     def mark_done(self, camera_id: str, damage: str) -> None:
-        """Note that the camera's video has been read to its end, and what was damaged in it."""
+        """Note that the camera's video has been read to its end, and its damage."""
         self._state.done[camera_id] = damage
         self._save()
 

@@ -118,7 +118,7 @@ RETRY_S = 10.0  # after a disk that was full
 
 @dataclass(frozen=True, slots=True)
 class VideoSettings:
-    """What becomes of a camera's frames.
+    """Settings for recording a camera's frames.
 
     Attributes:
         folder: of its videos.

@@ -93,7 +93,7 @@ class WebcamSource:
         self._notice()
 
     def _notice(self) -> None:
-        """Note the rate that the device gives, and what differs from what was asked for."""
+        """Note the actual rate of the device, and differences from the requested settings."""
         context = self._stream.codec_context
         self.fps, self.note = float(self._stream.average_rate or self.asked_fps), ""
         given, (width, height) = (context.width, context.height), self.asked_size
@@ -150,7 +150,7 @@ class WebcamSource:
 
 
 def _reason(error: Exception, place: Path) -> tuple[str, str]:
-    """Return what is wrong with a device that cannot be opened, and what to do."""
+    """Return why a device cannot be opened, and what to do."""
     number = getattr(error, "errno", None)
     if number in (errno.EACCES, errno.EPERM):
         group = group_of(place) or "video"
@@ -189,7 +189,7 @@ def device_of(name: str, dev: Path = DEV) -> Path:
 
 
 def check_name(name: str) -> None:
-    """Raise `InputError` for what is no name of a webcam on this system."""
+    """Raise `InputError` for a name that no webcam can have on this system."""
     if video_input() == V4L2:
         good = ON_LINUX.fullmatch(name) is not None
         expected = "usb:by-id/NAME as `e3pose init` lists it, or usb:NUMBER"

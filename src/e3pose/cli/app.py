@@ -191,7 +191,7 @@ app = make_app()
 
 
 def main(tokens: Sequence[str] | None = None) -> None:
-    """Run one verb; say in one line on standard error what was wrong, and exit as `Exit` says."""
+    """Run one verb; print its error in one line on standard error, and exit as `Exit` says."""
     # A polite kill unwinds as Ctrl-C does, so that temporary files go away with us.
     if threading.current_thread() is threading.main_thread():
         for number in END_SIGNALS[1:]:
@@ -247,7 +247,7 @@ def _interrupt(number: int, _frame: object) -> NoReturn:
 
 
 def _ending(error: BaseException) -> tuple[str, int]:
-    """Return what to say of an error that ends a verb, and the exit code."""
+    """Return the message and the exit code of an error that ends a verb."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted", exit_code(error)
     if isinstance(error, CycloptsError):
@@ -267,7 +267,7 @@ def _ending(error: BaseException) -> tuple[str, int]:
 
 
 def _without_words() -> list[str]:
-    """Return what to do where only `e3pose` was typed: set up, if there is a person to do it."""
+    """Return the verb for a bare `e3pose`: set up, if there is a person to do it."""
     ready = all(find_spec(name) is not None for name in ("fastapi", "uvicorn", "cv2"))
     if not (sys.stdin and sys.stdin.isatty() and sys.stdout.isatty() and ready):
         return ["--help"]

@@ -79,7 +79,7 @@ def place_again(
 
 
 def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig, Path]:
-    """Return the newest of what a site recorded, its calibration and the file of that."""
+    """Return a site's newest recording, its calibration and the file of that."""
     site = load_site(path)
     own = site.calibration
     rig = load_rig(own)

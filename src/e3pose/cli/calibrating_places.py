@@ -41,7 +41,7 @@ MOST_SECONDS = 3600.0
 @Parameter(name="*", group=Group("Videos and points", sort_key=1))
 @dataclass(frozen=True, kw_only=True)
 class FilmOptions:
-    """What videos or points show."""
+    """The subject of videos or points."""
 
     board: str = DEFAULT_BOARD
     """Board name, as printed on it, with the measured side of a square."""
@@ -109,7 +109,7 @@ class ScaleOptions:
 @Parameter(name="*", group=Group("Recordings of people", sort_key=3))
 @dataclass(frozen=True, kw_only=True)
 class PeopleOptions:
-    """What to use of a recording."""
+    """The part of a recording to use."""
 
     start: Path | None = None
     """Refine this calibration, which may be off by about 5 degrees and 20 cm. Its world and scale
@@ -306,7 +306,7 @@ def _pair(option: str, word: str) -> tuple[str, str, float]:
 
 
 def expected_values(errors: CameraErrors | None, camera: int) -> dict[str, float | None]:
-    """Return what a camera is expected to be off by, for JSON; nothing where nobody asked."""
+    """Return the expected errors of cameras, for JSON; nothing where nobody asked."""
     if errors is None:
         return {}
     return {

@@ -66,7 +66,7 @@ def check(
 
 
 def _show(findings: Sequence[Finding]) -> None:
-    """Print what was found; exit with 1 if there is a problem."""
+    """Print the findings; exit with 1 if there is a problem."""
     shown = Table(box=None, pad_edge=False, show_header=False)
     for finding in findings:
         advice = f"\n-> {finding.advice}" if finding.advice else ""

@@ -1,4 +1,4 @@
-"""`e3pose store`: what is done with a whole store."""
+"""`e3pose store`: copies and moves of a whole store."""
 
 from __future__ import annotations
 

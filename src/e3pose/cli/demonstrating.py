@@ -112,7 +112,7 @@ def demo(
 
 
 def _recorded(dest: Path, offline: bool) -> tuple[Recording, str]:
-    """Write what is shown, the clip or a simulated scene; return it, and what detects in it."""
+    """Write the demo's recording, the clip or a simulated scene; return it and its detector."""
     try:
         clip = find_clip() or _fetched("the four-camera recording", fetch_clip, offline)
         name = ready_network(AUTO, live=True, offline=offline)

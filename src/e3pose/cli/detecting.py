@@ -65,7 +65,7 @@ class NetworkOptions:
 @Parameter(name="*", group=Group("Frames", sort_key=2))
 @dataclass(frozen=True, kw_only=True)
 class FrameOptions:
-    """Which frames of the videos to use."""
+    """The frames of the videos to use."""
 
     fps: float | None = None
     """Slots per second. Default: the common frame rate of the videos; image folders need it."""
@@ -100,7 +100,7 @@ class FrameOptions:
 @Parameter(name="*", group=OUTPUT)
 @dataclass(frozen=True, kw_only=True)
 class CopyOptions:
-    """What to do with the videos and with an earlier recording."""
+    """The use of the videos and of an earlier recording."""
 
     link_videos: Flag = False
     """Link the videos into the recording. Default: store their paths."""

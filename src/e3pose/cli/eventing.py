@@ -99,7 +99,7 @@ def _say(line: str) -> None:
 
 
 def _live(source: Path, keys: Path | None) -> tuple[str, EventsTable, Watch, Iterator[Look]]:
-    """Return what is to be said first, settings, and the slots of a running site."""
+    """Return the first lines to print, settings, and the slots of a running site."""
     from e3pose.wire.network import open_network
 
     site = resolve_site(source)
@@ -139,7 +139,7 @@ def _replayed(
 def _followed(
     looks: Iterator[Look], watch: Watch, for_s: float | None
 ) -> Iterator[tuple[str, Trial]]:
-    """Yield after each slot what is to be printed, and all that was seen so far."""
+    """Yield after each slot the lines to print and everything seen so far."""
     trial, begun_s, up_ns, patient = trials.Trial(), time.monotonic(), 0, True
     for seen, told_ns in looks:
         watch, events = watching.advance(watch, seen)

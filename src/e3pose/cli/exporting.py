@@ -57,7 +57,7 @@ OPTIONS = {"site": "--site", "run": "--run", "time": "--from, --to", "track": "-
 @Parameter(name="*", group=Group("Format", sort_key=2))
 @dataclass(frozen=True, kw_only=True)
 class FormatOptions:
-    """What to write, and how."""
+    """The format of the files, and its options."""
 
     format_name: Annotated[
         Literal["trc", "mot", "c3d", "csv", "parquet", "bvh", "gltf", "openpose", "coco", "rerun"]
@@ -207,7 +207,7 @@ def _people(take: Take) -> People3D:
 
 
 def _write_page(source: str, dest: Path, period: PeriodOptions, smoothing: SmoothSettings) -> None:
-    """Write the report page of what a site stored."""
+    """Write the report page of a stored period."""
     from e3pose.output.report.stored import write_stretch
     from e3pose.store import Store
 
@@ -251,7 +251,7 @@ def _write_rows(
 
 
 def _take(source: str, dest: Path, asked: Asked) -> Take:
-    """Read what is asked for, and check that it would not be written over."""
+    """Read the requested take, and check that no file of it is overwritten."""
     from e3pose.output.exports.source import TABLES, take_from_store, take_from_table
 
     path = Path(source)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @Parameter(name="*", group=FAULTS)
 @dataclass(frozen=True, kw_only=True)
 class FaultOptions:
-    """What goes wrong, for every verb that runs the loop."""
+    """Injected faults, for every verb that runs the loop."""
 
     kill_camera: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = ()
     """Fail a camera: CAMERA@SLOT or CAMERA@12.5s; repeatable. `each@SLOT` fails a different
@@ -31,7 +31,7 @@ class FaultOptions:
     def day(
         self, recording: Recording, watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     ) -> Faults:
-        """Return what goes wrong; raise `InputError` for what cannot.
+        """Return the faults of a day; raise `InputError` for impossible ones.
 
         Args:
             recording: as `downsampled` returns it.

@@ -89,7 +89,7 @@ def detections(
 
 
 def save(recording: Recording, dest: Path, overwrite: bool) -> None:
-    """Write an imported recording, and say what it holds."""
+    """Write an imported recording, and print its content."""
     save_recording(recording, dest, overwrite=overwrite)
     people = sum(len(series.scores) for series in recording.views)
     print(

@@ -81,7 +81,7 @@ def options_of(*kinds: type, more: Sequence[str] = ()) -> dict[str, str]:
 
 
 def ask(question: str, ended: InputError) -> str:
-    """Return what a person answers to a question; raise `ended` where the input ends instead."""
+    """Return a person's answer to a question; raise `ended` where the input ends instead."""
     try:
         return input(question)
     except EOFError:
@@ -119,7 +119,7 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
 @options_from(ReplaySettings, GROUPS)
 @dataclass(frozen=True, kw_only=True)
 class LoopOptions:
-    """How the loop runs, for every verb that runs it; of these two `evaluate` takes several."""
+    """Settings of the loop, for every verb that runs it; `evaluate` takes lists for two."""
 
     budget: str | None = None
     quality_weight: str | None = None
@@ -154,7 +154,7 @@ def _one(name: str, text: str | None) -> float | None:
 @options_from(EnergySettings, GROUPS)
 @dataclass(frozen=True, kw_only=True)
 class EnergyOptions:
-    """What the cameras draw, for every verb that reports energy."""
+    """The power of the cameras, for every verb that reports energy."""
 
     def settings(self) -> EnergySettings:
         """Return the settings that these options mean; raise `InputError` naming the option."""

@@ -1,4 +1,4 @@
-"""What a verb writes: JSON to a file or to standard output, and a line for each file written."""
+"""Output of verbs: JSON to a file or to standard output, and a line for each file written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Load what needs cameras that are placed: refuse those that are not, warn of odd axes."""
+"""Load recordings that need placed cameras: refuse unplaced ones, warn of odd axes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def without_unplaced(recording: Recording, where: object) -> Recording:
 
 
 def problems_of(recording: Recording, path: Path, calibration: object = None) -> list[Problem]:
-    """Return all that is wrong with a recording, also in what its people say of its rig.
+    """Return all problems of a recording, with those that its people reveal of its rig.
 
     Args:
         recording: as loaded.
@@ -60,7 +60,7 @@ def problems_of(recording: Recording, path: Path, calibration: object = None) ->
 
 
 def warn_of_problems(recording: Recording, path: Path, calibration: object = None) -> list[Problem]:
-    """Warn of what spoils the 3D of a recording, the worst first; return all of `problems_of`."""
+    """Warn of problems that spoil a recording's 3D, the worst first; return all of them."""
     found = problems_of(recording, path, calibration)
     words = [f"{one.where}: {one.message}" for one in found if one.kind not in HARMLESS]
     for line in words[:MOST_WARNINGS]:

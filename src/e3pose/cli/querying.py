@@ -35,7 +35,7 @@ ROWS = Group("Rows", sort_key=1)
 @Parameter(name="*", group=ROWS)
 @dataclass(frozen=True, kw_only=True)
 class PeriodOptions:
-    """Which runs and times of a store, for every verb that reads one."""
+    """Runs and times of a store, for every verb that reads one."""
 
     from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None
     """Start: `2026-11-21T14:00` (local time; `Z` or `+01:00` for another zone), `14:00` (today),

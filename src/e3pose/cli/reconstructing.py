@@ -59,7 +59,7 @@ ABOUT = {
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What to reconstruct, and how."""
+    """The videos to reconstruct, and how."""
 
     out: Annotated[Path, Parameter(group=OUTPUT)] = Path("reconstruction")
     """Folder of the results."""
@@ -406,7 +406,7 @@ def _files(paths: Mapping[str, Path]) -> list[Path]:
 
 
 def _stamp(path: Path) -> str:
-    """Return what tells whether a file or the files of a folder have changed."""
+    """Return a value that differs if a file, or a file of a folder, has changed."""
     files = [
         f for each in chapters_of(path) for f in (each.rglob("*") if each.is_dir() else [each])
     ]

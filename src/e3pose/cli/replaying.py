@@ -75,7 +75,7 @@ SMOOTH = SmoothOptions()
 @Parameter(name="*", group=OUTPUT)
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions:
-    """What to write."""
+    """The files to write."""
 
     poses: Path | None = None
     """Write the 3D poses here (.parquet or .csv)."""
@@ -252,7 +252,7 @@ class _Run:
         return self.smoother.smoothed(DiskList(map(step, slots)), step)
 
     def summary(self, records: Sequence[SlotRecord], notes: Sequence[str]) -> Summary:
-        """Return the figures of its records, with what was said of new looks."""
+        """Return the figures of its records, with the remarks on new looks."""
         source, plan, read_view = self.source, self.plan, self.read_view
         figures = summarise(
             source if read_view is None else replace(source, processor=read_view.processor()),
@@ -267,7 +267,7 @@ class _Run:
 
 
 def _judged(left_out: Sequence[tuple[_Run, Recording]]) -> list[HeldOut]:
-    """Return what the cameras that are left out say of replays, several of which run at a time."""
+    """Return the figures of the held-out cameras on replays, several of which run at a time."""
     done, stopped, failed = itertools.count(1), Event(), list[BaseException]()
     # Replayed, and smoothed: rts passes them through once more.
     total = sum((1 + (run.smoother.words == "rts")) * run.source.num_slots for run, _ in left_out)
@@ -302,7 +302,7 @@ def _judged(left_out: Sequence[tuple[_Run, Recording]]) -> list[HeldOut]:
 
 
 def delay_of(delay: str | None, method: str | None, pipeline: str) -> float:
-    """Return the seconds of `--delay`, 0 without it; raise `InputError` for what it cannot be."""
+    """Return the seconds of `--delay`, 0 without it; raise `InputError` for an impossible value."""
     if delay is None:
         return 0.0
 

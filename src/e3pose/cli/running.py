@@ -1,4 +1,4 @@
-"""What the verbs of the live programs share."""
+"""Shared parts of the verbs of the live programs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Child = Annotated[bool, Parameter(negative="", show=False)]
 
 
 def delay_ms(delay: str | None) -> float | None:
-    """Return what `--delay` says."""
+    """Return the milliseconds of `--delay`."""
     if delay is None:
         return None
     with as_typed({"": "--delay"}):

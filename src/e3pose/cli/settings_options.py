@@ -30,7 +30,7 @@ Flag = Annotated[bool, Parameter(negative="")]  # an option without a --no- form
 def options_from(
     kind: type, groups: Mapping[str, Group], defaults: bool = True
 ) -> Callable[[type[T]], type[T]]:
-    """Return what makes a dataclass the options that set the fields of settings.
+    """Return a decorator that makes a dataclass the options for the fields of settings.
 
     A field of the settings says with `entry` what its option is like: `help`; `group`, the title
     of those that it stands among; `flag`, one letter; `option`, its name where that is not its

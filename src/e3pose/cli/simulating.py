@@ -67,7 +67,7 @@ class RingOptions:
 @Parameter(name="*", group=Group("Detector", sort_key=2))
 @dataclass(frozen=True, kw_only=True)
 class ErrorOptions:
-    """How the simulated detector errs."""
+    """Errors of the simulated detector."""
 
     errors: Literal["situation", "score"] | None = None
     """situation: hidden and cut joints are guessed, errors last as long as view and posture do, as

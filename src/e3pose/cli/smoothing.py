@@ -15,7 +15,7 @@ from e3pose.estimate.smooth import SmoothSettings, check_smoothing
 @Parameter(name="*", group=SMOOTHING)
 @dataclass(frozen=True, kw_only=True)
 class SmoothOptions:
-    """How poses are smoothed after the fact, for every verb that can wait for them."""
+    """Smoothing of poses afterwards, for every verb that can wait for it."""
 
     smooth: Literal["rts", "butterworth", "one-euro"] | None = None
     """Smooth the poses: `rts` uses all later slots, the others are low-pass filters."""
@@ -24,7 +24,7 @@ class SmoothOptions:
     minimum one of `one-euro` (default: 1Hz)."""
 
     def settings(self) -> SmoothSettings:
-        """Return what these options ask for; raise `InputError` for what contradicts itself."""
+        """Return the settings of these options; raise `InputError` for contradictory ones."""
         with as_typed({"": "--cutoff"}):
             cutoff_hz = None if self.cutoff is None else frequency_hz(self.cutoff)
         settings = SmoothSettings(self.smooth, cutoff_hz)

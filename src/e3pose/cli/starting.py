@@ -126,7 +126,7 @@ def init(
 
 
 def _asked() -> list[str]:
-    """Return the cameras of this machine; on a terminal, those that somebody wants."""
+    """Return the cameras of this machine; on a terminal, the ones that the user chooses."""
     devices = find_devices()
     for source, title in devices.items():
         print(f"found {source}: {title}")

@@ -46,7 +46,7 @@ class StoreOptions:
         return database_path(database_url(self.store))
 
     def retention(self) -> Retention:
-        """Return what to keep; raise `InputError` for what is no age or size."""
+        """Return the retention; raise `InputError` for a value that is no age or size."""
         from e3pose.store import Retention
 
         if self.store is None and (self.keep or self.max_size):

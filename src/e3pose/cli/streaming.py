@@ -116,7 +116,7 @@ def stream(
 
 
 def _source(site: ResolvedSite, watch: Watch | None) -> Source:
-    """Return what is streamed, without names."""
+    """Return the stream, without names."""
     return Source(
         site.file.name,
         site.skeleton,

@@ -61,7 +61,7 @@ def poses_in_image(
     image_size: tuple[int, int],
     min_score: float = 0.0,
 ) -> Poses2D:
-    """Make a view of what a network said, less the keypoints nobody should believe.
+    """Make a view of a network's output, less the keypoints below the least score.
 
     Networks place keypoints of cut-off people beyond the border and score a little above 1 or below
     0; such keypoints are dropped and such scores clipped.

@@ -98,7 +98,7 @@ class Mosaic:
         return canvas
 
     def expected(self, view: ExpectedView) -> ExpectedView:
-        """Return those who are expected in an image as they are expected in the mosaic."""
+        """Return people expected in an image as they are expected in the mosaic."""
         points = np.full(view.keypoints_px.shape, np.nan)
         reach = np.zeros(view.reach_px.shape)
         for tile, group in zip(self.tiles, self.groups, strict=True):
@@ -132,7 +132,7 @@ def mosaic_of(
     multiple: int,
     most_pixels: float,
 ) -> Mosaic | None:
-    """Return a mosaic of people; those whose boxes overlap share a crop.
+    """Return a mosaic of people; people whose boxes overlap share a crop.
 
     So nobody is in two crops. The people of a crop have the network's size in their geometric
     mean, or all crops are smaller by the same factor to cost no more than they may.

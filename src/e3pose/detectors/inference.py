@@ -232,7 +232,7 @@ def check_image_input(network: Network, name: str, dtypes: Collection[str] = FLO
 def choose_providers(
     provider: str, available: Sequence[str], engine_cache: Path
 ) -> list[str | tuple[str, dict[str, Any]]]:
-    """Return what to ask ONNX Runtime for.
+    """Return the providers to request from ONNX Runtime.
 
     Args:
         provider: `auto` or a key of `PROVIDERS`.

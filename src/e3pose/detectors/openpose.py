@@ -80,7 +80,7 @@ def decode(
 
 
 def expected_heat(prior: Prior, shape: tuple[int, ...]) -> Maps:
-    """Return `(num_parts, height, width)`: the joints of those expected as a network shows joints.
+    """Return `(num_parts, height, width)`: heatmaps of expected joints, as a network would give.
 
     After Bultmann and Behnke, "Real-time multi-view 3D human pose estimation using semantic
     feedback to smart edge sensors" (RSS 2021). A joint's spot is as wide as its prediction may be

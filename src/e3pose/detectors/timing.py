@@ -43,7 +43,7 @@ class Workload:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectionTimes:
-    """How long detections take.
+    """Durations of detections.
 
     Attributes:
         alone_s: `(num_workloads,)` seconds per detection, one process at a time; the median.

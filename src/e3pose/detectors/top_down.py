@@ -271,7 +271,7 @@ class TopDown:
 
 
 def different_people(found: Poses2D) -> Poses2D:
-    """Return those who are there, each once: two boxes may show the same person.
+    """Return each person once: two boxes may show the same person.
 
     Args:
         found: what was found in each box; hardly anything in one without anybody.

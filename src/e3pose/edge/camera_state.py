@@ -536,7 +536,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answers:
-    """How cameras answer their orders; a value. Arrays are `(num_cameras,)`.
+    """The answers of cameras to their orders; a value. Arrays are `(num_cameras,)`.
 
     Attributes:
         share: of the newest orders that were answered in time.

@@ -113,7 +113,7 @@ class Publisher:
         self._put(Waiting(slot, self._topic, message, last_ns), stored)
 
     def _put(self, made: Waiting, stored: WriterStatus | None) -> None:
-        """Queue a message, or those whose slots are stored by now."""
+        """Queue a message, or the messages whose slots are stored by now."""
         ready = [made]
         if self._waits:
             lost = stored is None or self._stored is None or stored.shed > self._stored.shed

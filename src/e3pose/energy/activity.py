@@ -1,4 +1,4 @@
-"""How long a camera was active, idle and asleep: one owner for its heartbeats and its meter.
+"""Times of a camera active, idle and asleep: one owner for its heartbeats and its meter.
 
 A camera is active for the length of one slot whenever its network begins to look, however long the
 network takes. So each slot in which it looked counts once, as queues, budgets and the edge's ledger
@@ -19,7 +19,7 @@ from e3pose.energy.profiles import Activity
 
 @dataclass(frozen=True, slots=True)
 class ModeTimes:
-    """What a camera does at a moment, and what it did until then.
+    """The mode of a camera at a moment, and its time in each mode until then.
 
     Attributes:
         at_ns: the moment.
@@ -85,7 +85,7 @@ class ModeClock:
             self._add("active", interval_ns)
 
     def times(self) -> ModeTimes:
-        """Return what it does now, and what it did so far."""
+        """Return the present mode, and the time in each so far."""
         with self._lock:
             now_ns, spent_ns = self._count(), dict(self._spent_ns)
             resting_ns = sum(spent_ns.get(mode, 0) for mode in RESTING)

@@ -30,7 +30,7 @@ FOREVER_S = 1e10  # three centuries
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a camera may spend.
+    """The energy that a camera may spend.
 
     Attributes:
         kind: what `value` means.
@@ -44,7 +44,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Supply:
-    """What a camera has to spend from.
+    """The source of a camera's energy.
 
     Attributes:
         battery_j: what is left; infinite on mains.
@@ -115,7 +115,7 @@ def allowance_j(
     now_s: float,
     num_selected: float,
 ) -> Floats:
-    """Return what each camera may spend in a slot on average, idle slots included.
+    """Return the mean energy that each camera may spend in a slot, idle slots included.
 
     Batteries run down and suns come out: ask again every minute.
 

@@ -1,4 +1,4 @@
-"""What a camera can do, and what each costs: looks and rests, one table a camera."""
+"""Modes of a camera and their costs: looks and rests, one table a camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NOT_STATED = "not stated"
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """What a camera does between looks.
+    """A rest of a camera between looks.
 
     Attributes:
         name: one of `RESTS`: `idle` captures and runs no network; `not-capturing` has closed its

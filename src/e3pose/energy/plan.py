@@ -1,4 +1,4 @@
-"""Which board, how many cameras, how long: from published power and measured errors."""
+"""Boards, cameras and running times: from published power and measured errors."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class PlanRow:
-    """How long a site of one board runs.
+    """The running time of a site of one board.
 
     Attributes:
         board: which.
@@ -151,7 +151,7 @@ def plan(
     battery_wh: float | None,
     cameras: int | None = None,
 ) -> list[PlanRow]:
-    """Return what each board needs and how long its battery lasts, the longest first.
+    """Return the needs of each board and the life of its battery, the longest first.
 
     A camera draws `busy` in the slots in which it looks and `idle` in the others.
 

@@ -19,7 +19,7 @@ RADIO = "wifi"  # the group of components that sends
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Queue:
-    """How the virtual queues of a rig are charged, and what they ask for an active slot.
+    """The charges of a rig's virtual queues, and their price of an active slot.
 
     Attributes:
         budget: `(num_cameras,)` the paper's E_n.
@@ -59,7 +59,7 @@ def advance_deficit(deficit: Floats, budget: Floats, selected: NDArray[np.bool_]
 
 
 def price(deficit: Floats, cost_j: Floats) -> Floats:
-    """Return what the queues ask for an active slot: the drift of half their squares in joules.
+    """Return the queues' price of an active slot: the drift of half their squares in joules.
 
     A queue of `deficit` slots holds `deficit * cost_j` joules, and an active slot adds `cost_j`, so
     that the drift is their product. It is given in units of the rig's mean cost, which makes it the
@@ -155,7 +155,7 @@ def mean_watts(
 def paper_percent(
     duty: float, profile: DeviceProfile, idle_mode: Mode = "power-saving", sending: float = 0.0
 ) -> float:
-    """Return what a camera saves as the paper counts: of CPU, GPU, WiFi and memory alone, percent.
+    """Return a camera's saving as the paper counts: of CPU, GPU, WiFi and memory alone, percent.
 
     Arguments are those of `mean_watts`, of one camera.
     """

@@ -1,4 +1,4 @@
-"""What a rig draws looking, awake and asleep, and how long its cameras take to rest and to wake."""
+"""Power of a rig looking, awake and asleep, and the time to fall asleep and to wake."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Seconds = TypeVar("Seconds", float, Floats)
 
 
 def alarm_s(wake_s: Seconds, wake_sd_s: Seconds) -> Seconds:
-    """Return how long before it is needed the alarm goes off of what takes so long to wake."""
+    """Return the seconds before its use at which the alarm of a slowly waking camera goes off."""
     return wake_s + LATE_SIGMAS * wake_sd_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestCosts:
-    """What cameras draw, and the times of the rest that they may take.
+    """The power of cameras, and the times of the rests that they may take.
 
     Attributes:
         look_w: `(num_cameras,)` of looking in every slot, beyond idling.

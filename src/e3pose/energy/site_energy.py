@@ -62,7 +62,7 @@ class LearnedCost:
 
 @dataclass(frozen=True, slots=True)
 class SlotCost:
-    """What a slot costs a camera.
+    """The cost of a slot for a camera.
 
     Attributes:
         active_j: an active slot.
@@ -82,7 +82,7 @@ class SlotCost:
 
 
 def unlearned(profile: DeviceProfile, idle_mode: Mode = "power-saving") -> LearnedCost:
-    """Return what a profile says before anything was measured."""
+    """Return the costs of a profile, before any measurement."""
     watts = np.array([profile.watts("active"), profile.watts(idle_mode)])
     prior = np.diag((PRIOR_SHARE * watts) ** 2)
     return LearnedCost(watts, prior, prior, float((NOISE_SHARE * watts[0]) ** 2), 0)
@@ -139,7 +139,7 @@ def learn(cost: LearnedCost, energy_j: float, active_s: float, idle_s: float) ->
 
 
 def slot_cost(cost: LearnedCost, interval_s: float) -> SlotCost:
-    """Return what slots of `interval_s` seconds cost, and whether that was measured.
+    """Return the cost of slots of `interval_s` seconds, and whether that was measured.
 
     It is called measured once both powers are known to a tenth of themselves: a camera that was
     never idle, or never active, or always in the same share, says nothing about the other.
@@ -171,7 +171,7 @@ AFFORD_SHARE = 0.98  # of what budgets pay for
 
 
 class Beat(Protocol):
-    """What is read of a heartbeat, which is `wire.messages.Heartbeat`."""
+    """The fields read of a heartbeat, which is `wire.messages.Heartbeat`."""
 
     @property
     def session(self) -> int:
@@ -195,7 +195,7 @@ class Beat(Protocol):
 
     @property
     def recording_j(self) -> float:
-        """What of it recording video took."""
+        """The part of it that recording video took."""
         ...
 
     @property
@@ -215,12 +215,12 @@ class Beat(Protocol):
 
     @property
     def battery_j(self) -> float | None:
-        """What is left in the battery."""
+        """The charge of the battery."""
         ...
 
     @property
     def charging_w(self) -> float:
-        """What goes into it."""
+        """The power that charges it."""
         ...
 
 
@@ -243,7 +243,7 @@ class CameraEnergy:
     recording_w: float = 0.0
 
     def supply(self) -> Supply:
-        """Return what the camera has to spend from; without a battery it is on mains."""
+        """Return the supply of the camera; without a battery it is on mains."""
         if self.beat is None or self.beat.battery_j is None:
             return Supply()
         return Supply(min(max(self.beat.battery_j, 0.0), self.capacity_j), self.charging_w)
@@ -251,7 +251,7 @@ class CameraEnergy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnergyEstimate:
-    """What the loop needs to know of energy until the next estimate.
+    """The energy figures that the loop needs until the next estimate.
 
     Attributes:
         budget: `(num_cameras,)` the paper's E_n, for the queues.
@@ -279,7 +279,7 @@ class EnergyEstimate:
 def new_camera(
     profile: DeviceProfile, idle_mode: Mode = "power-saving", capacity_j: float = np.inf
 ) -> CameraEnergy:
-    """Return what a profile says of a camera that was not heard of yet.
+    """Return the energy of a camera without a heartbeat yet, by its profile.
 
     Args:
         profile: of its device.
@@ -325,7 +325,7 @@ def observe(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
 
 
 def _slot_cost(camera: CameraEnergy, interval_s: float) -> SlotCost:
-    """Return what slots cost a camera; what was measured has the recording of video in it."""
+    """Return the cost of a camera's slots; a measured one contains the recording of video."""
     cost, video_j = slot_cost(camera.cost, interval_s), camera.recording_w * interval_s
     if cost.measured or video_j == 0:
         return cost

@@ -70,7 +70,7 @@ class PixelViews:
         self._times = {name: LookTimes() for name in recording.rig.camera_ids}
 
     def __call__(self, slot: int, camera: int, expected: ExpectedView | None) -> Poses2D | None:
-        """Return what a camera sees in a slot; None where its video has no frame."""
+        """Return the view of a camera in a slot; None where its video has no frame."""
         image = self._readers[camera].image(slot)
         if image is None:
             return None
@@ -81,7 +81,7 @@ class PixelViews:
         return poses
 
     def processor(self) -> dict[str, ProcessorTime]:
-        """Return what looks took now, beside the frames of the recording, by camera."""
+        """Return the processor time of these looks and of the recording's frames, by camera."""
         before, now = self._recording.processor, taken(self._times)
         return {
             c: replace(before[c], look_s=t.look_s, looks=t.looks)

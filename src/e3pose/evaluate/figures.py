@@ -124,7 +124,7 @@ def _sending(selected: Flags) -> Floats:
 
 
 def _on_device(duty: float, sending: float, name: str) -> DeviceSaving:
-    """Return what cameras of one kind that are active in a share `duty` of the slots save.
+    """Return the saving of cameras of one kind that are active in a share `duty` of the slots.
 
     In a share `sending` of the slots they are idle but send.
 
@@ -140,7 +140,7 @@ def _on_device(duty: float, sending: float, name: str) -> DeviceSaving:
 def processor_saving(
     recording: Recording, records: Sequence[SlotRecord], asleep: Flags | None, idle_mode: Mode
 ) -> Saving | None:
-    """Return what a selection saves of processor time, by looks and frames that were measured.
+    """Return the saving of processor time by a selection, from measured looks and frames.
 
     Args:
         recording: with `processor`; None unless all cameras have it.
@@ -241,7 +241,7 @@ class Pcp:
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """What the truth of a recording says, over its scored slots."""
+    """Accuracy by the truth of a recording, over its scored slots."""
 
     scored_slots: int | None = None
     pcp: Pcp | None = None
@@ -261,7 +261,7 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Distances:
-    """How far projected joints are from the keypoints of a held-out camera.
+    """Distances of projected joints from the keypoints of a held-out camera.
 
     Attributes:
         keypoints: how many are compared.
@@ -284,7 +284,7 @@ class Distances:
 
 @dataclass(frozen=True, slots=True)
 class HeldOutCamera(Distances):
-    """What one held-out camera says, over the scored slots.
+    """Agreement with one held-out camera, over the scored slots.
 
     Attributes:
         people: its detections that count.
@@ -305,7 +305,7 @@ class HeldOutCamera(Distances):
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """What all held-out cameras say.
+    """Agreement with all held-out cameras.
 
     Attributes:
         cameras: by camera id.
@@ -318,7 +318,7 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What the estimator expects to be off, and whether it is right.
+    """The expected errors of the estimator, and whether they are right.
 
     Attributes:
         error_mm: the mean expected error of all shown joints.
@@ -362,7 +362,7 @@ class Deficits:
 
 @dataclass(frozen=True, slots=True)
 class CameraEnergy:
-    """What one camera spent."""
+    """The energy of one camera."""
 
     mean_watts: float
     active_watts: float
@@ -373,7 +373,7 @@ class CameraEnergy:
 
 @dataclass(frozen=True, slots=True)
 class DeviceSaving:
-    """What a device of the paper would have saved of CPU, GPU, WiFi and memory.
+    """The saving of CPU, GPU, WiFi and memory on a device of the paper.
 
     `times_paper` is against the paper's 3 of 5 cameras.
     """
@@ -386,7 +386,7 @@ class DeviceSaving:
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """What the selection spent.
+    """The energy of a selection.
 
     `watts_spread` is the standard deviation of the cameras' mean powers.
     """
@@ -402,7 +402,7 @@ class Energy:
 
 @dataclass(frozen=True, slots=True)
 class Duration:
-    """How long a stage takes, milliseconds."""
+    """The duration of a stage, milliseconds."""
 
     median: float
     p99: float
@@ -410,7 +410,7 @@ class Duration:
 
 @dataclass(frozen=True, slots=True)
 class NoiseFound:
-    """The noise file that was used, and what was learned of each camera by the last slot.
+    """The noise file in use, and the noise learned of each camera by the last slot.
 
     Attributes:
         file: its name.
@@ -493,7 +493,7 @@ def as_json(summary: Summary, **more: Any) -> dict[str, Any]:
 
 
 def settings_json(settings: LoopSettings) -> dict[str, Any]:
-    """Return settings as JSON: what is not set is absent, parts of one's own are named."""
+    """Return settings as JSON: unset ones are absent, parts of one's own are named."""
     table: dict[str, Any] = {}
     for item in fields(settings):
         if item.name in OF_RESTS and settings.rest == AWAKE:
@@ -507,7 +507,7 @@ def settings_json(settings: LoopSettings) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return nested records as dictionaries and lists, without what is None."""
+    """Return nested records as dictionaries and lists, without None."""
     if isinstance(value, Pcp):
         return {**value.actors, "groups": plain(value.groups)}
     if is_dataclass(value) and not isinstance(value, type):

@@ -43,7 +43,7 @@ Turn = tuple[Recording, Recording | None]
 
 
 def turns(recording: Recording, camera_ids: Sequence[str]) -> list[Turn]:
-    """Return what to replay, each with what judges it.
+    """Return the replays, each with its judge.
 
     Args:
         recording: of all cameras.
@@ -163,7 +163,7 @@ def _cause(name: str, camera: HeldOutCamera) -> str:
 
 
 def joined(found: Sequence[HeldOut | None]) -> HeldOut | None:
-    """Return what the judges of several replays say; None if there is none."""
+    """Return the figures of the judges of several replays; None if there is none."""
     cameras = {k: v for each in found if each is not None for k, v in each.cameras.items()}
     return _of_all(cameras) if cameras else None
 

@@ -241,7 +241,7 @@ def _stage_ms(records: Sequence[SlotRecord]) -> dict[str, Duration]:
 def _noise(
     recording: Recording, settings: ReplaySettings, records: Sequence[SlotRecord]
 ) -> NoiseFound | None:
-    """Return the noise file that was used, and what was learned of each camera by the last slot."""
+    """Return the noise file in use, and the noise learned of each camera by the last slot."""
     factors = records[-1].noise_factors if records else None
     if factors is None:
         return None

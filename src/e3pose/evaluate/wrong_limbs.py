@@ -1,4 +1,4 @@
-"""Wrong limbs: those that a viewer would point at. Pure.
+"""Wrong limbs: limbs that a viewer would point at. Pure.
 
 A limb is wrong if its direction is more than `TURNED` off, or its far end more than `FAR_M`. The
 limbs are upper arms, forearms, thighs and shins, each named by the joint at its far end.
@@ -74,7 +74,7 @@ def wrong_in_view(
 
 
 def wrong_percent(wrong: NDArray[Any]) -> float | None:
-    """Return the percentage of limbs that are wrong, of those known; None without any."""
+    """Return the percentage of known limbs that are wrong; None without any."""
     known = wrong[np.isfinite(wrong)]
     return 100 * float(known.mean(dtype=np.float64)) if len(known) else None
 

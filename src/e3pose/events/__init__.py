@@ -1,1 +1,1 @@
-"""What people do: states of each person and events, from the poses of a site."""
+"""Activities of people: states of each person and events, from the poses of a site."""

@@ -1,4 +1,4 @@
-"""What a pose says of a body: heights as shares of the stature, inclinations, speed.
+"""Measures of a body from its pose: heights as shares of the stature, inclinations, speed.
 
 A figure is a value and its standard deviation; what no known joint tells is NaN. Heights are over
 the floor, or over the bed or seat that the person is on.
@@ -70,7 +70,7 @@ def joints_of(names: tuple[str, ...]) -> Joints:
 
 
 class Stature(NamedTuple):
-    """What is known of the statures of people: mean and precision of their logarithms.
+    """Knowledge of the statures of people: mean and precision of their logarithms.
 
     Attributes:
         mean: `(num_persons,)`.
@@ -90,7 +90,7 @@ USUAL = (float(np.log(STATURE_M)), STATURE_SPREAD**-2)  # of somebody who comes 
 
 
 def stature_after(before: Stature, joints: Joints, joints_m: Floats, sigma_m: Floats) -> Stature:
-    """Return what is known of statures after a pose of each person.
+    """Return the knowledge of statures after a pose of each person.
 
     Args:
         before: what was known.
@@ -116,7 +116,7 @@ def stature_after(before: Stature, joints: Joints, joints_m: Floats, sigma_m: Fl
 def figures(
     joints: Joints, joints_m: Floats, sigma_m: Floats, stature_m: Floats, surface_m: Floats
 ) -> tuple[Floats, Floats]:
-    """Return what poses say of bodies, all but their speed.
+    """Return the measures of bodies by their poses, all but their speed.
 
     Args:
         joints: of the skeleton.
@@ -150,7 +150,7 @@ def figures(
 
 
 class Carriage(NamedTuple):
-    """How somebody holds the body; NaN where no known joint tells.
+    """The carriage of a body; NaN where no known joint tells.
 
     Attributes:
         hips_m: height of the middle of the hips over the floor, or the bed or seat.

@@ -1,4 +1,4 @@
-"""The people of a slot with what is remembered of each: states, stature, where the hips were."""
+"""The people of a slot with the memory of each: states, stature, trail of the hips."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """What is known of a person.
+    """The memory of a person.
 
     Attributes:
         track: identity.
@@ -153,7 +153,7 @@ def _zones_of(
 
 
 def _known(people: Persons, track: int, seen: Seen, place_m: Floats) -> Person:
-    """Return what is known of somebody who is shown now.
+    """Return the memory of somebody who is shown now.
 
     Somebody who falls may get a new identity before the one that they had is lost.
     """
@@ -209,7 +209,7 @@ def _followed(
     inside: Sequence[tuple[int, ...]],
     near: Sequence[str],
 ) -> Iterator[Person]:
-    """Yield what is known of each person after a slot that shows them."""
+    """Yield the memory of each person after a slot that shows them."""
     if not before:
         return
     joints_m = np.asarray(seen.people.joints_m, dtype=np.float64)
@@ -249,7 +249,7 @@ def _followed(
 
 
 def _trail(before: Trail, time_ns: int, height: float, shanks_deg: float) -> Trail:
-    """Return a trail with a point more, and without those that are old."""
+    """Return a trail with one more point, and without old ones."""
     if before and time_ns - before[0][0] > (TRAIL_S + 1) * 1e9:
         before = tuple(point for point in before if time_ns - point[0] <= TRAIL_S * 1e9)
     return before if np.isnan(height) else (*before, (time_ns, height, shanks_deg))

@@ -1,4 +1,4 @@
-"""A test in one's own room: what people do, what was told, and why no fall was, in sentences."""
+"""A test in one's own room: states of people, events, and why no fall was reported."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NOBODY_DOWN = (
 
 @dataclass(frozen=True, slots=True)
 class Stay:
-    """What one person does: the newest state, since when, and which was said last.
+    """The state of one person: the newest, since when, and the last one printed.
 
     `down_ns` is since when the person is on the floor; None elsewhere.
     """
@@ -39,7 +39,7 @@ class Stay:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What was seen so far: people by track, events, and why no fall was reported."""
+    """The test so far: people by track, events, and why no fall was reported."""
 
     stays: Mapping[int, Stay] = field(default_factory=dict)
     told: tuple[PersonEvent, ...] = ()
@@ -114,7 +114,7 @@ def _why(person: Person, watch: Watch, down_s: float) -> str:
 
 
 def _doing(person: Person, state: str) -> str:
-    """Return what a person does now."""
+    """Return the present activity of a person."""
     if state == STATES[UNKNOWN]:
         return f"Person {person.track} is seen, but too little of the body to say what they do"
     place = " on the floor" if person.on_floor >= DOWN else ""

@@ -24,7 +24,7 @@ EVERY_S = 0.07
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
-    """What is remembered of the people of a site.
+    """The memory of the people of a site.
 
     Attributes:
         joints: of the skeleton.
@@ -64,7 +64,7 @@ def begin_watch(
 
 
 def site_watch(site: ResolvedSite) -> Watch | None:
-    """Return what follows the people of a site; None where it does not ask for it.
+    """Return the watch of a site's people; None where the site does not ask for it.
 
     Raises:
         InputError: for a kind of event that is not known.
@@ -129,7 +129,7 @@ LASTS_S = 3.0
 
 
 def looks_of(watch: Watch) -> LookRequest:
-    """Return the looks that what is known of the people of a site is worth."""
+    """Return the value of looks, from the memory of a site's people."""
     if "fall" not in watch.rules or not watch.known:
         return NO_REQUEST
     unsure = tuple(track for track, one in watch.known.items() if is_unsure(one, watch))

@@ -96,12 +96,12 @@ def seeing(records: Sequence[SlotRecord], num_cameras: int) -> Flags:
 
 
 def duty(records: Sequence[SlotRecord], num_cameras: int) -> NDArray[np.float64]:
-    """Return `(num_cameras,)`: share of the slots in which each was selected, of those `seeing`."""
+    """Return `(num_cameras,)`: the share of the slots `seeing` in which each was selected."""
     return duty_of(seeing(records, num_cameras))
 
 
 def duty_of(selected: Flags) -> NDArray[np.float64]:
-    """Return the same of what `seeing` found; zeros where that is nothing."""
+    """Return the duty in the slots that `seeing` found; zeros where that is nothing."""
     return np.asarray(selected.mean(axis=0)) if len(selected) else np.zeros(selected.shape[1])
 
 

@@ -268,7 +268,7 @@ class Rig:
 
     @property
     def titles(self) -> dict[str, str]:
-        """What people call each camera, by its id; with the id where two are called the same."""
+        """The title of each camera, by its id; with the id where two share a title."""
         titles = [camera.title or camera.camera_id for camera in self.cameras]
         return {
             name: title if titles.count(title) == 1 else f"{title} ({name})"

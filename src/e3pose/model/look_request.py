@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class LookRequest:
-    """What a consumer of records asks for, until it asks for something else.
+    """A request by a consumer of records, which holds until its next one.
 
     Attributes:
         cameras: that look in a slot at least; energy is borrowed for it for some seconds. 0 asks

@@ -1,4 +1,4 @@
-"""How much of what one camera sees another sees too."""
+"""Overlap of the views of cameras."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PERSON_M = 2.0  # up to which height people are seen
 
 @lru_cache(maxsize=64)
 def overlap(rig: Rig) -> Floats:
-    """Return `(num_cameras, num_cameras)`: how much of what one camera (row) sees another sees too.
+    """Return `(num_cameras, num_cameras)`: shares of a view (row) that another sees too.
 
     The share of points along the rays of its image, at heights of people; 0 on the diagonal.
     """

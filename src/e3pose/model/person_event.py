@@ -13,7 +13,7 @@ NOBODY = -1  # the track of events that are about a place, not a person
 
 @dataclass(frozen=True, slots=True)
 class PersonEvent:
-    """What a person does that somebody wants to be told.
+    """An event of a person, for somebody to be told.
 
     An event that lasts is told twice, when it has begun and when it has ended, with the same kind,
     track and start. One that does not last is told once, as ended.
@@ -46,7 +46,7 @@ class PersonEvent:
 
     @property
     def is_news(self) -> bool:
-        """Whether this is the first that is told of it."""
+        """Whether this is the first message about the event."""
         return self.phase == "begun" or self.kind in ONCE
 
 

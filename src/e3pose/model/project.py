@@ -23,7 +23,7 @@ from e3pose.model.undistort import (
 
 
 class Optics(NamedTuple):
-    """What is constant about a rig for whoever projects into it."""
+    """The constants of a rig for projections into it."""
 
     rotations: Floats  # (num_cameras, 3, 3) world to camera
     translations: Floats  # (num_cameras, 3)

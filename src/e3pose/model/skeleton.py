@@ -38,7 +38,7 @@ SIDES = ("left", "right")
 
 
 class Names(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What `names.toml` holds.
+    """The content of `names.toml`.
 
     Attributes:
         parents: of a joint: it hangs on the first of these that a skeleton has.
@@ -305,7 +305,7 @@ def _of_file(file: SkeletonFile, name: str, parts: Sequence[Skeleton], shipped: 
 
 
 def skeleton_table(skeleton: Skeleton) -> dict[str, Any]:
-    """Return what a file of a skeleton holds, without parts."""
+    """Return the content of a skeleton's file, without parts."""
     names = skeleton.joints
 
     def rows(pairs: Iterable[tuple[int, int]]) -> list[str]:
@@ -409,7 +409,7 @@ def lacking(joints: Collection[str], target: Collection[str]) -> tuple[str, ...]
 
 
 def not_used(left: Sequence[str], count: int) -> str:
-    """Return what to tell of the joints that are left of so many; empty if there are none."""
+    """Return a remark on unused joints of so many; empty if there are none."""
     return f"{len(left)} of {count} joints not used: {some(left)}" if left else ""
 
 
@@ -420,7 +420,7 @@ def some(joints: Sequence[str]) -> str:
 
 
 def unused(joints: Sequence[str], target: Collection[str]) -> str:
-    """Return what to tell of joints that are lost in a conversion to a target; empty if none is.
+    """Return a remark on joints lost in a conversion to a target; empty if none is.
 
     Args:
         joints: names of those that there are.
@@ -504,7 +504,7 @@ def _shelf14(joints_m: Floats, scores: Floats) -> tuple[Floats, Floats]:
 
 
 def _mean_seen(joints_m: Floats, scores: Floats, columns: list[int]) -> tuple[Floats, Floats]:
-    """Return the mean `(*batch, 3)` of those joints that were seen and the best of their scores."""
+    """Return the mean `(*batch, 3)` of the seen joints, and the best of their scores."""
     seen = scores[..., columns] > 0
     total = np.where(seen[..., None], joints_m[..., columns, :], 0.0).sum(axis=-2)
     count = seen.sum(axis=-1)

@@ -38,7 +38,7 @@ class Reasons:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlotRecord:
-    """What one slot left behind.
+    """The record of one slot.
 
     Attributes:
         slot: index of the slot.

@@ -25,7 +25,7 @@ K, LENS, LIMITS, TILT, UPRIGHT = 0, 5, 17, 19, 28
 
 
 class Lenses(NamedTuple):
-    """What is constant about the lenses of a rig."""
+    """The constants of a rig's lenses."""
 
     models: Integers  # (num_cameras,) IDEAL, BROWN or FISHEYE
     numbers: Floats  # (num_cameras, 37) K, 12 coefficients, limits of angle and radius, tilts

@@ -1,1 +1,1 @@
-"""What leaves a store or a replay: files for other tools, a report page."""
+"""Output of a store or a replay: files for other tools, a report page."""

@@ -1,4 +1,4 @@
-"""What every predictor is: a function from the recent past of all people to their near future."""
+"""The seam of predictors: a function from the recent past of all people to their near future."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the attention-LSTM sees of a person: the same numbers in training and at run time.
+"""The attention-LSTM's input for a person: the same numbers in training and at run time.
 
 Twelve limb joints, neck and head, wherever the person stands and whichever way they face; gaps
 closed and marked; speeds in units of the person's own recent speed, so that slow and fast motion

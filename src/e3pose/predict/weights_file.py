@@ -33,7 +33,7 @@ NO_MOTION = -30.0  # of the gate that keeps motion, in a network that says every
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightsFile:
-    """What a file of weights holds.
+    """The content of a file of weights.
 
     Attributes:
         properties: the texts beside the network.
@@ -49,7 +49,7 @@ class WeightsFile:
 
 
 def read_file(content: bytes) -> WeightsFile:
-    """Return what an ONNX file holds.
+    """Return the content of an ONNX file.
 
     Raises:
         InputError: when its weights are in other files, which may be anywhere.

@@ -46,7 +46,7 @@ BROKEN = (
 
 @contextmanager
 def open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    """Open an .npz of at most `MAX_FILE_BYTES`; raise `InputError` for what is none."""
+    """Open an .npz of at most `MAX_FILE_BYTES`; raise `InputError` for any other file."""
     with open_regular(path, MAX_FILE_BYTES) as file:
         file.seek(max(0, file.seek(0, 2) - TAIL_BYTES))
         tail = file.read()

@@ -69,7 +69,7 @@ class Description:
 
 
 def describe(recording: Recording) -> Description:
-    """Count what is in a recording."""
+    """Count the content of a recording."""
     return Description(
         name=recording.name,
         source=recording.source,

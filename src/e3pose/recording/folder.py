@@ -39,7 +39,7 @@ MAX_TRUTH_VALUES = 2**27  # 1 GiB of float64
 
 
 class TruthHeader(msgspec.Struct, forbid_unknown_fields=True):
-    """What recording.toml says of the truth."""
+    """The part of recording.toml about the truth."""
 
     skeleton: str
     person_ids: list[str]

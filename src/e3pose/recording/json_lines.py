@@ -28,7 +28,7 @@ Line = TypeVar("Line")
 
 
 class ViewLine(msgspec.Struct, forbid_unknown_fields=True):
-    """What one camera saw in one slot; a missing joint is null."""
+    """The view of one camera in one slot; a missing joint is null."""
 
     slot: Slot
     time: float

@@ -147,7 +147,7 @@ def find_problems(
     rotations: Mapping[str, int] | None = None,
     calibration: object = "calibration.toml",
 ) -> list[Problem]:
-    """Return what is wrong with a recording, the worst of each camera first.
+    """Return the problems of a recording, the worst of each camera first.
 
     Args:
         recording: the recording.

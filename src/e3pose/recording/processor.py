@@ -21,7 +21,7 @@ MAX_S = 1e4
 
 @dataclass(frozen=True, slots=True)
 class ProcessorTime:
-    """What a camera's program took, all threads together.
+    """The processor time of a camera's program, all threads together.
 
     Attributes:
         look_s: processor seconds of a look, mean.
@@ -62,7 +62,7 @@ def save_processor(folder: Path, cameras: Mapping[str, ProcessorTime]) -> None:
 
 
 def load_processor(folder: Path, camera_ids: tuple[str, ...]) -> dict[str, ProcessorTime]:
-    """Return what cameras took, by id; empty where nothing says so.
+    """Return the processor time of cameras, by id; empty where no file has it.
 
     Args:
         folder: of the recording.

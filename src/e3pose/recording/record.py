@@ -68,7 +68,7 @@ class ViewSeries:
         )
 
     def view(self, slot: int) -> Poses2D | None:
-        """Return what the camera saw in `slot`, or None if that view does not exist."""
+        """Return the camera's view in `slot`, or None without one."""
         frame = int(np.searchsorted(self.slots, slot))
         if frame == len(self.slots) or self.slots[frame] != slot:
             return None
@@ -98,7 +98,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What a rig saw over `num_slots` slots of `1 / fps` seconds.
+    """The views of a rig over `num_slots` slots of `1 / fps` seconds.
 
     Attributes:
         name: a title for people.
@@ -200,7 +200,7 @@ class Recording:
         return 1.0 / self.fps
 
     def view(self, slot: int, camera: int) -> Poses2D | None:
-        """Return what camera index `camera` saw in `slot`, or None if that view was lost."""
+        """Return the view of camera index `camera` in `slot`, or None for a lost one."""
         return self.views[camera].view(slot)
 
     def _check_length(self) -> None:

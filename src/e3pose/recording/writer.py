@@ -113,7 +113,7 @@ class RecordingWriter:
         self.num_slots = max(self.num_slots, slot + 1)
 
     def flush(self) -> None:
-        """Hand what was written to the system."""
+        """Hand the written data to the system."""
         for file in self._files.values():
             file.flush()
 

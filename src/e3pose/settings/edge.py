@@ -11,7 +11,7 @@ from e3pose.wire.messages import CameraMode
 
 @dataclass(frozen=True, slots=True)
 class EdgeSettings:
-    """How an edge server runs.
+    """Settings of an edge server.
 
     Attributes:
         site: its name, and so its topics.

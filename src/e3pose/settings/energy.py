@@ -46,7 +46,7 @@ class PerCamera(Generic[T]):
         return [value for value in found if value is not None]
 
     def map(self, change: Callable[[T], U]) -> PerCamera[U]:
-        """Return what a function makes of every value."""
+        """Return the results of a function of every value."""
         usual = None if self.usual is None else change(self.usual)
         return PerCamera(usual, {key: change(value) for key, value in self.special.items()})
 
@@ -91,7 +91,7 @@ def read_battery_wh(text: object) -> PerCamera[float]:
 
 @dataclass(frozen=True, slots=True)
 class EnergySettings:
-    """What the cameras draw and have.
+    """The power and the energy of the cameras.
 
     See `LoopSettings` for what the fields say; by default a battery has what the recording or the
     site says of its camera.
@@ -131,7 +131,7 @@ class EnergySettings:
         interval_s: float,
         known_wh: Mapping[str, float] | None = None,
     ) -> EnergyPlan:
-        """Return what this means for a rig; raise `InputError` for what cannot be.
+        """Return the plan of a rig; raise `InputError` for an impossible one.
 
         Args:
             camera_ids: the rig's.
@@ -159,7 +159,7 @@ class EnergySettings:
 
 @dataclass(frozen=True, slots=True)
 class EnergyPlan:
-    """What every camera draws and has.
+    """The power and the energy of each camera.
 
     Attributes:
         profiles: of each camera.
@@ -178,14 +178,14 @@ class EnergyPlan:
 
     @property
     def watts(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """What the cameras draw when active, and when not."""
+        """The power of the cameras when active, and when not."""
         return (
             tuple(profile.watts("active") for profile in self.profiles),
             tuple(profile.watts(self.idle_mode) for profile in self.profiles),
         )
 
     def rest_costs(self, rest: RestChoice) -> RestCosts | None:
-        """Return what cameras draw awake and in a rest; None if all are to stay awake.
+        """Return the power of cameras awake and in a rest; None if all are to stay awake.
 
         A camera whose profile has no such rest never sleeps.
 

@@ -24,7 +24,7 @@ class Kill:
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What goes wrong.
+    """Injected faults.
 
     Attributes:
         kills: cameras that die.

@@ -1,4 +1,4 @@
-"""What site files and camera files share: the machine of a camera, types and checks."""
+"""Shared parts of site files and camera files: the machine of a camera, types and checks."""
 
 from __future__ import annotations
 

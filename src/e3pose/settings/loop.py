@@ -62,7 +62,7 @@ def read_cameras(found: object) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LoopSettings:
-    """How the loop runs; checked when it is made, as far as that needs no rig.
+    """Settings of the loop; checked when it is made, as far as that needs no rig.
 
     A field that a person may set is explained by its help; `read_table` reads it from a site file,
     and `cli.settings_options` makes it an option. `policy` and `predictor` may be objects.
@@ -316,7 +316,7 @@ class LoopSettings:
 
 @dataclass(frozen=True, slots=True)
 class ReplaySettings(LoopSettings):
-    """How to run a recording.
+    """Settings for replaying a recording.
 
     Attributes:
         faults: cameras that die and views that are lost.

@@ -77,7 +77,7 @@ class Place(Protocol):
 
     @property
     def detector(self) -> str:
-        """What finds the keypoints; empty where nobody said."""
+        """The detector of the keypoints; empty where nobody named one."""
         ...
 
 
@@ -123,7 +123,7 @@ def make_pipeline(
 
 
 def _rests(place: Place, settings: LoopSettings) -> RestPlanner | None:
-    """Return who says which cameras sleep, if any may."""
+    """Return the policy of rests, if any camera may sleep."""
     costs = _rest_costs(place, settings)
     if costs is None:
         return None
@@ -144,7 +144,7 @@ def _rest_costs(place: Place, settings: LoopSettings) -> RestCosts | None:
 
 
 def least_watts(place: Place, settings: LoopSettings) -> float | None:
-    """Return what all cameras draw at rest where `watts` asks for less; None where it does not."""
+    """Return the power of all cameras at rest where `watts` is less; None where it is not."""
     costs = None if settings.watts is None else _rest_costs(place, settings)
     if settings.watts is None or costs is None or settings.watts > costs.rest_w.sum():
         return None
@@ -152,7 +152,7 @@ def least_watts(place: Place, settings: LoopSettings) -> float | None:
 
 
 def watts_warning(place: Place, settings: LoopSettings) -> str:
-    """Return what to say where cameras draw more than `watts`, whoever sleeps; else empty."""
+    """Return a warning where cameras draw more than `watts` even asleep; else empty."""
     least_w = least_watts(place, settings)
     if least_w is None:
         return ""
@@ -164,7 +164,7 @@ def watts_warning(place: Place, settings: LoopSettings) -> str:
 
 
 def warnings_of(place: Place, settings: LoopSettings) -> list[str]:
-    """Return what is odd about settings that work."""
+    """Return the oddities of settings that work."""
     return [
         words for words in (noise_warning(place, settings), watts_warning(place, settings)) if words
     ]
@@ -173,7 +173,7 @@ def warnings_of(place: Place, settings: LoopSettings) -> list[str]:
 def make_policy(
     place: Place, settings: LoopSettings
 ) -> tuple[Policy, Callable[[float], Policy] | None]:
-    """Return who decides, and what makes the same for another number of cameras, if it has one.
+    """Return the policy, and its factory for another number of cameras, if it has one.
 
     Raises:
         InputError: naming the setting that cannot be had.
@@ -184,7 +184,7 @@ def make_policy(
 
 
 def row_of(settings: LoopSettings) -> PolicyRow:
-    """Look up a policy and what it needs; an object is used as it is."""
+    """Look up the requirements of a policy; an object is used as it is."""
     policy = settings.policy
     if policy is not None and not isinstance(policy, str):
         return PolicyRow.of(policy)
@@ -307,7 +307,7 @@ def _fusion(settings: LoopSettings) -> FusionSettings:
 
 
 def noise_warning(place: Place, settings: LoopSettings) -> str:
-    """Return what to say where the detector is not stated, or not known; empty if it is."""
+    """Return a warning where the detector is not stated, or not known; empty if it is."""
     if settings.noise or _is_paper(settings) or detector_of(place) != DEFAULT:
         return ""
     return (

@@ -104,7 +104,7 @@ class ResolvedSite:
             return make_pipeline(self, self.loop)
 
     def budgets(self) -> list[Budget | None]:
-        """Return what the file lets each camera spend; None where it does not say.
+        """Return the energy budget of each camera by the file; None where it has none.
 
         Raises:
             InputError: for a time that has passed, and what is no budget.
@@ -213,7 +213,7 @@ def _with_detector(camera: CameraTable) -> CameraTable:
 
 
 def _output(camera: CameraTable) -> tuple[str, Skeleton | None]:
-    """Return a camera's detector and what it outputs; empty and None where it shows only later."""
+    """Return a camera's detector and its output; empty and None where only its run tells."""
     if is_recorded(camera.source):
         folder = Path((camera.source or "").removeprefix(RECORDED))
         with suppress(InputError):  # an error when the camera starts

@@ -47,7 +47,7 @@ def scheme_of(source: str) -> str:
 
 
 def is_live(source: str) -> bool:
-    """Return whether a source films now, in place of playing what was recorded."""
+    """Return whether a source films now, in place of playing a recording."""
     return source.startswith((PHONE, SECRET)) or place_of(source) is None
 
 

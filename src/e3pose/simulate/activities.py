@@ -1,7 +1,7 @@
 """Activities and paths of a group of people over time.
 
 Each person lives a small script, drawn at random from the scene's habits: walk there, stand and
-gesture, take a seat, leave through a door and come back. `steering.py` moves them.
+gesture, take a seat, leave through a door and come back.
 
 People avoid collisions, one short time step at a time: they head for where they want to go, foresee
 who or what they would pass too closely within the next seconds and give way sideways, and never
@@ -141,7 +141,7 @@ class Life:
 
 @dataclass(slots=True)
 class _Task:
-    """What a person is doing: `kind` is walk, face, wait, sit or away."""
+    """The task of a person: `kind` is walk, face, wait, sit or away."""
 
     kind: str
     until_s: float
@@ -573,7 +573,7 @@ def _keep_apart(
     clearance: Floats,
     moves: NDArray[np.bool_],
 ) -> Floats:
-    """Return velocities without the part that closes in on what is near already."""
+    """Return velocities without the part that closes in on near things."""
     distance = np.hypot(offset[..., 0], offset[..., 1])
     near = walking[:, None] & (distance < clearance + 0.10)
     if not near.any():

@@ -331,7 +331,7 @@ def _by_score(
     settings: DetectorSettings,
     streams: Sequence[np.random.Generator],
 ) -> Seen:
-    """Return what a detector reports whose errors depend on the score alone."""
+    """Return the detections of a detector whose errors depend on the score alone."""
     own = covered_by_self(centre, joints_m)
     other = np.maximum(
         covered_by_others(centre, joints_m), behind_things(centre, joints_m, scene.occluders)

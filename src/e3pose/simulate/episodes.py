@@ -55,10 +55,10 @@ class Key:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What one person does from a time on.
+    """An activity of one person from a time on.
 
     Attributes:
-        kind: its name in `episode_kinds.EPISODES`.
+        kind: its name in `EPISODES`.
         start_s: when the first key begins.
         keys: the postures.
         down_s: when the body reaches the floor after `start_s`; NaN where it never does.
@@ -90,7 +90,7 @@ def planned(
 
     Args:
         kind: of the keys.
-        keys: the postures; see `episode_kinds`.
+        keys: the postures.
         start_s: when it begins.
         rng: how people differ.
         stays_s: how long they stay in the last posture.
@@ -125,7 +125,7 @@ def with_episodes(
     heading: Floats,
     episodes: tuple[Episode, ...],
 ) -> Posture:
-    """Return a posture with episodes in place of what the body does meanwhile.
+    """Return a posture in which episodes replace the body's other activity.
 
     Args:
         body: its lengths.

@@ -112,7 +112,7 @@ def add_joints(joints_m: Floats, skeleton: Skeleton) -> Floats:
 
 
 def _above(index: int, skeleton: Skeleton) -> str:
-    """Return what a joint hangs on: of hands and faces alone, their person's wrist and nose."""
+    """Return the parent of a joint: for hands and faces alone, their person's wrist and nose."""
     if skeleton.parents[index] >= 0:
         return skeleton.joints[skeleton.parents[index]]
     side = skeleton.joints[index].partition("_")[0]

@@ -27,7 +27,7 @@ def check_people(people: int) -> None:
 
 
 def frames(recording: Recording, camera: int) -> Iterator[Image]:
-    """Yield `(height, width, 3)` RGB, a frame per slot, of what one camera detected.
+    """Yield `(height, width, 3)` RGB, a frame per slot, of one camera's detections.
 
     Whoever the simulated detector missed is not drawn, nor are people whom it invented: a film
     shows the keypoints, errors included, of people who are there.

@@ -1,4 +1,4 @@
-"""Keypoints of a detector that guesses what it does not see: scores, misses and errors.
+"""Keypoints of a detector that guesses hidden joints: scores, misses and errors.
 
 Errors depend on the situation (`situations.py`) and not on the score alone: a hidden or cut joint
 is guessed, leans to the person in front, keeps a middling score, and stays where it was guessed for
@@ -49,7 +49,7 @@ HALF = 0.5  # of a cover, from which on a joint is hidden
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """What one camera's detector makes of everybody.
+    """The detections of everybody by one camera.
 
     Attributes:
         keypoints_px: `(num_slots, num_persons, 17, 2)`.
@@ -64,12 +64,12 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hidden:
-    """What hides each joint.
+    """How far each joint is hidden, and by whom.
 
     Attributes:
-        own: `(num_slots, num_persons, 17)` how squarely the own body does, 0 to 1.
+        own: `(num_slots, num_persons, 17)` how squarely the own body hides it, 0 to 1.
         other: the same shape: another body, a thing, or the edge of the image.
-        whom: the same shape: the person who does, -1 for nobody.
+        whom: the same shape: the person who hides it, -1 for nobody.
         inside: the same shape: in the image, or as good as.
     """
 
@@ -82,7 +82,7 @@ class Hidden:
 def hidden(
     camera: Camera, joints_m: Floats, pixels: Floats, things: Flags, px_per_m: Floats
 ) -> Hidden:
-    """Return what hides people from a camera.
+    """Return how people are hidden from a camera.
 
     Args:
         camera: in the frame of the joints.

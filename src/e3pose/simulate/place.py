@@ -17,7 +17,7 @@ STEP_M = 0.35  # length of a stride onto a raised floor
 
 @dataclass(frozen=True, slots=True)
 class Habits:
-    """What people do when they have reached a place; shares add up to at most 1, the rest walk on.
+    """The activities of people who reach a place; shares add up to at most 1, the rest walk on.
 
     Attributes:
         stand: share that stops, half of them gesturing.
@@ -31,7 +31,7 @@ class Habits:
         held: what hands do there; the usual gestures by default.
         held_s: shortest and longest time that they do it.
         do: share that does one of `does` there.
-        does: names of `episode_kinds.EPISODES`.
+        does: names of `episodes.EPISODES`.
         lies_s: shortest and longest time on the floor or a bed.
     """
 
@@ -72,7 +72,7 @@ class Room:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What is special about one camera of a scene.
+    """The peculiarities of one camera of a scene.
 
     Attributes:
         noise: factor on its keypoint noise.
@@ -143,7 +143,7 @@ class Scene:
 
     @property
     def things(self) -> tuple[Occluder, ...]:
-        """All that people walk around."""
+        """All obstacles that people walk around."""
         return (*self.occluders, *self.walls)
 
     def floor_m(self, xy_m: Floats) -> Floats:

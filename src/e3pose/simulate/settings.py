@@ -22,7 +22,7 @@ BESIDE_GUESSES = {"noise", "blur", "merge", "ghosts"}  # figures that hold for g
 
 @dataclass(frozen=True, slots=True)
 class Guessing:
-    """How a detector guesses what it does not see (docs/reference/simulation.md has the formulas).
+    """Guesses of a detector about hidden joints; formulas: docs/reference/simulation.md.
 
     Fitted to OpenPose's detections of Shelf and of the first half of Panoptic's pizza scene,
     without labels, by `lab/benchmarks/detector_errors.py`.
@@ -77,7 +77,7 @@ class Guessing:
 
 @dataclass(frozen=True, slots=True)
 class DetectorSettings:
-    """How a simulated detector errs; the defaults resemble OpenPose on Shelf, by score alone.
+    """Errors of a simulated detector; the defaults resemble OpenPose on Shelf, by score alone.
 
     Attributes:
         guessing: errors that follow the situation. With it, `blur`, `merge` and `ghosts` apply,
@@ -146,7 +146,7 @@ def adjusted(detector: DetectorSettings, figures: Mapping[str, float]) -> Detect
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneSettings:
-    """What to simulate.
+    """Settings of a simulated scene.
 
     Attributes:
         scene: a name in `SCENES`.

@@ -242,7 +242,7 @@ def simulate(
 
 
 def lives_of(settings: SceneSettings, seed: int = 0) -> tuple[Life, ...]:
-    """Return what each of the people of `simulate(settings, seed)` does."""
+    """Return the activities of the people of `simulate(settings, seed)`."""
     scene, number, (rig_seed, life_seed, *_) = _drawn(settings, seed)
     stage = _place(settings, scene, np.random.default_rng(rig_seed))
     play = Play(stage.scene, number, np.random.default_rng(life_seed))
@@ -309,7 +309,7 @@ def _focus(rig: Rig, centre: Floats) -> Floats:
 
 
 def _worsened(detector: DetectorSettings, condition: Condition) -> DetectorSettings:
-    """Return what a camera in this condition makes of the detector."""
+    """Return the detector as the condition of a camera worsens it."""
     guessing = detector.guessing and replace(
         detector.guessing,
         joint_miss=min(detector.guessing.joint_miss + condition.joint_miss, 1.0),

@@ -54,7 +54,7 @@ class Fields:
 
 
 def draw_fields(rng: np.random.Generator, num_persons: int, num_outputs: int) -> Fields:
-    """Draw the errors of a detector, and what is special about each of the people it looks at."""
+    """Draw the errors of a detector, and the peculiarities of each person before it."""
     waves = rng.standard_normal((17, SIZE, WAVES))
     phases = rng.uniform(0, 2 * np.pi, (17, WAVES))
     amplitudes = rng.standard_normal((17, WAVES, num_outputs)) * np.sqrt(2 / WAVES)

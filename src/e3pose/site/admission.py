@@ -1,4 +1,4 @@
-"""How an edge joins the network of its site, which programs it admits, and whose time runs out."""
+"""Admission: the edge joins its network, admits programs, and watches certificates expire."""
 
 from __future__ import annotations
 

@@ -358,7 +358,7 @@ def join_site(path: Path, given: Mapping[str, Any], ask: Callable[[str], str]) -
 
 
 def _endpoint_of(admitted: joining.JoinLine, host: str) -> str:
-    """Return the endpoint of an edge, found at a host, by what its certificate says."""
+    """Return the endpoint of an edge that was found at a host, by its certificate."""
     hosts = sorted(admitted.hosts, key=lambda each: each != host)
     named = [each for each in hosts if not is_loopback(each)]
     return f"tls/{'localhost' if is_loopback(host) else [*named, 'localhost'][0]}:{admitted.port}"

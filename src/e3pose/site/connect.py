@@ -212,7 +212,7 @@ class Connection:
 
     @property
     def newest_status(self) -> Status | None:
-        """How the site is, as of the last message; None before the first."""
+        """The newest status of the site; None before the first."""
         return self._follower.status
 
     def status(self) -> Status:

@@ -209,7 +209,7 @@ class Joining:
         writer.write(joining.line_of())
 
     def _admit(self, name: str, public: bytes) -> dict[str, Any]:
-        """Return the certificate of a camera, as those that `e3pose keys add` makes, and more."""
+        """Certify a camera as `e3pose keys add` does; return its files, the port and the hosts."""
         if name in read_roll(self.site.keys).cameras or name not in (self.cameras or [name]):
             free = ", ".join(self.body()["waiting"]) or f"after `e3pose keys revoke {name}`, {name}"
             raise InputError("camera", name, f"one without a certificate: {free}")

@@ -84,7 +84,7 @@ class TurnTime(ProcessorTime):
 
     @contextmanager
     def looking(self) -> Iterator[None]:
-        """Wait for a turn, and count what it takes as looking."""
+        """Wait for a turn, and count the turn as looking."""
         with self._turns.turn() as took_ns:
             try:
                 yield

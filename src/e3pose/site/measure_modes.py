@@ -206,7 +206,7 @@ def measured_profile(base: DeviceProfile, found: MeasuredModes, when: str) -> De
 def _shared_out(
     base: DeviceProfile, device_w: tuple[float, float, float], how: str
 ) -> DeviceProfile:
-    """Return a profile whose components draw their shares of what the device was measured to."""
+    """Return a profile whose components share the measured power in proportion."""
     parts = []
     for part in base.components:
         shares = {m: part.watts[m] / base.watts(m) if base.watts(m) else 0.0 for m in MODES}

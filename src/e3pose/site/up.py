@@ -133,7 +133,7 @@ def _video_keys(site: ResolvedSite, camera_id: str) -> dict[str, str | None]:
 
 
 def longer_s(wait_s: float) -> float:
-    """Return how long to wait before the next start of what ended again after a wait."""
+    """Return the wait before the next start of a program that ended again after a wait."""
     return min(2 * wait_s, LONGEST_RESTART_S) or RESTART_S
 
 

@@ -16,7 +16,7 @@ MOST_HUBS = 100  # of a site that are remembered; those that asked last
 
 @dataclass(frozen=True, slots=True)
 class Acknowledgement:
-    """A deletion, and which hubs know of it.
+    """A deletion, and the hubs that know of it.
 
     Attributes:
         what: the deletion.

@@ -44,7 +44,7 @@ COMMIT_SOON_S = 0.1  # where poses are published once they are stored
 
 @dataclass(frozen=True, slots=True)
 class WriterSettings:
-    """How a writer works.
+    """Settings of a writer.
 
     Attributes:
         commit_s: the longest that a record waits to be committed with those after it.
@@ -74,7 +74,7 @@ class WriterSettings:
 
 @dataclass(frozen=True, slots=True)
 class WriterStatus:
-    """How a writer is doing.
+    """The status of a writer.
 
     Attributes:
         acknowledged_slot: newest slot that is in the database, with all from `first_slot` on that

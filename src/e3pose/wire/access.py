@@ -59,7 +59,7 @@ class Certificates:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """How a program joins its site.
+    """The connection of a program to its site.
 
     Attributes:
         role: the `edge` routes for its site, and so does a `router` before it; a `camera` or a
@@ -225,7 +225,7 @@ def holder_of(common_name: str) -> str:
 
 
 def _access(link: Link, roll: Roll) -> dict[str, Any]:
-    """Return who may say and hear what.
+    """Return the access rules: the topics that each program may publish and hear.
 
     Cameras say what they see and hear their orders. Viewers hear poses and status, and operators
     may also control the edge. Hubs ask for summaries and hear nothing else. Routers pass on

@@ -30,7 +30,7 @@ _OUTSIDE = re.compile(rf"Expected `(?:int|float)` [<>]=? \S+ - at `\$((?:{_PLACE
 
 
 def out_of_bounds(error: msgspec.ValidationError, body: bytes, kinds: tuple[Any, ...]) -> str:
-    """Return which field of a message is out of bounds, what was found and what was expected.
+    """Return the field of a message that is out of bounds, its value and the expected range.
 
     Args:
         error: what decoding said; it has places in place of names.

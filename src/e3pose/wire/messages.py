@@ -26,7 +26,7 @@ Activity = Literal["active", "power-saving", "aggressive-power-saving", "asleep"
 
 
 class Uses(NamedTuple):
-    """What a field of a message is outside it, beside its JSON of the same name.
+    """The use of a message's field outside it, beside its JSON of the same name.
 
     Attributes:
         metric: its name for Prometheus, after `e3pose_camera_`; empty if it has none.

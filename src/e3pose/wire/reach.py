@@ -26,7 +26,7 @@ PAUSE_S = 0.1  # between two questions
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """How far a camera comes.
+    """The steps of a connection that a camera completes.
 
     Attributes:
         outcome: `answered`, or what stops it: its host is `unknown`, nothing listens (`refused`),

@@ -22,7 +22,7 @@ class Transport(Protocol):
         ...
 
     def subscribe(self, topic: str, receive: Receive) -> None:
-        """Receive what is published on a topic, in which `*` stands for any one part."""
+        """Receive messages on a topic, in which `*` stands for any one part."""
         ...
 
     def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
@@ -34,7 +34,7 @@ class Transport(Protocol):
         ...
 
     def be_present(self, topic: str) -> None:
-        """Announce presence to those who watch the topic, until closed, killed or disconnected."""
+        """Announce presence to watchers of the topic, until closed, killed or disconnected."""
         ...
 
     def watch(self, topic: str, presence: Presence) -> None:

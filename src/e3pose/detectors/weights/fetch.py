@@ -58,7 +58,7 @@ def fetch_file(
 
 
 def fetch_bytes(url: str, limit_bytes: int) -> bytes:
-    """Return what stands at `url`, at most `limit_bytes`; raise `InputError` as `fetch_file`."""
+    """Return the bytes at `url`, at most `limit_bytes`; raise `InputError` as `fetch_file`."""
     with _answer(url) as response:
         content: bytes = response.read(limit_bytes + 1)
     if len(content) > limit_bytes:

@@ -52,7 +52,7 @@ class Job(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Verdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How a new network and the running one did on the held-back minutes.
+    """Scores of a new network and of the running one on the held-back minutes.
 
     Attributes:
         base_sha256: of the weights that were gone on from.

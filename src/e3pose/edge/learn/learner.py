@@ -122,7 +122,7 @@ class OnlineTrainer:
         settings: how to learn.
         clock: the time.
         command: runs a trainer when given a job's folder as last argument.
-        background: let a thread do the work; without it, `attend` must be called.
+        background: let a thread do the work; without it, call `run_once` for each round.
 
     Raises:
         InputError: when the folder cannot be used, or another process learns there.

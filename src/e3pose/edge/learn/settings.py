@@ -15,7 +15,7 @@ LONGEST_S = 1e8  # three years
 
 @dataclass(frozen=True, slots=True)
 class LearningSettings:
-    """How a running system learns. The numbers are choices, not measurements.
+    """Settings for learning in a running system: choices, not measurements.
 
     Attributes:
         interval_s: seconds per slot.

@@ -32,7 +32,7 @@ class Rail:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a device draws.
+    """The power of a device at a moment.
 
     Attributes:
         watts: now, or since the reading before where the meter counts energy.
@@ -55,7 +55,7 @@ class Meter(Protocol):
     """Say what the device draws."""
 
     def read(self, mode: Activity) -> Reading:
-        """Return what it draws; `mode` is what the camera does, which only a model needs.
+        """Return the present power; only a model needs `mode`, the mode of the camera.
 
         Raises:
             MeterError: when it cannot be read now.

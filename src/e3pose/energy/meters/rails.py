@@ -39,7 +39,7 @@ class Channel:
     to_watts: float
 
     def watts(self) -> float:
-        """Return what the supply draws; raise `MeterError` if it cannot be read."""
+        """Return the power of the supply; raise `MeterError` if it cannot be read."""
         watts = self.to_watts
         for path in self.factors:
             watts *= read_number(path)

@@ -49,7 +49,7 @@ class Total:
         energy_j: since the start.
         span_s: time that it covers.
         watts: of the newest reading.
-        measured: whether all of it since the last `restart_span` was measured.
+        measured: whether all of it since the last heartbeat was measured.
         how: of the newest reading.
         times: of the newest reading: the time, and that in each mode; None before the first.
     """
@@ -63,7 +63,7 @@ class Total:
 
 
 def add_reading(total: Total, reading: Reading, times: ModeTimes) -> Total:
-    """Add what was drawn since the reading before.
+    """Add the energy drawn since the reading before.
 
     That is what a meter counted, what a model says of the time in each mode, or the mean of the
     watts at both ends.
@@ -226,7 +226,7 @@ def open_sampler(
     capacity_wh: float | None = None,
     charge_file: ChargeFile | None = None,
 ) -> PowerSampler:
-    """Return what fills the power fields of a camera's heartbeats, to be used with `with`.
+    """Return the sampler of a camera's power, for its heartbeats, to be used with `with`.
 
     Args:
         profile: what the camera is taken to draw where nothing is measured.

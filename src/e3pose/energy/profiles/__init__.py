@@ -42,7 +42,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerRow(Row):
-    """What a component draws in one mode."""
+    """The power of a component in one mode."""
 
     watts: Watts
 
@@ -123,7 +123,7 @@ class Component:
 
 @dataclass(frozen=True, slots=True)
 class DeviceProfile:
-    """What a camera node draws in each mode, by component, and what else it can do.
+    """The power of a camera node in each mode, by component, and its other abilities.
 
     Attributes:
         name: of the profile.

@@ -45,7 +45,7 @@ MOST_WIDE_M = 0.9
 
 
 @kernel
-def attend(
+def count_views(
     num_tracks: int,
     dt: float,
     scales: Floats,

@@ -68,7 +68,7 @@ class Lasting:
 
     @property
     def excess(self) -> float:
-        """How much larger biases are than usual: g above."""
+        """The ratio of biases to their usual size: g above."""
         return excess_of(self.share)
 
 

@@ -1,4 +1,4 @@
-"""How far off an outlier is: the same limits for everything that residuals teach."""
+"""Limits of outliers: the same for every use of residuals."""
 
 # tuned: standard deviations | simulated: 1.5, 2, 2.5 give 21.4, 21.2, 21.7 mm | wild keypoints
 OUTLIER_SIGMAS = 2.0  # where the weight of a residual is halved

@@ -12,7 +12,7 @@ from e3pose.estimate.filter.state import Belief
 
 
 class Grades(NamedTuple):
-    """The published uncertainty of people; see `Posterior` for what is not here.
+    """The published uncertainty of people; see `Posterior` for the rest.
 
     Attributes:
         stated_m2: `(num_persons, num_joints, 3, 3)` see `People.covariance_m2`.

@@ -1,4 +1,4 @@
-"""How sure the pixel of a joint is, and how far a keypoint is from it."""
+"""The uncertainty of a joint's pixel, and the distance of a keypoint from it."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ OVERLAP_S = 0.2  # a track may take a last look when its person has a new one
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """Published tracks, or those that ended, and the identities that they are shown with.
+    """Published or ended tracks, and their shown identities.
 
     Attributes:
         tracks: `(num_tracks,)` ids of the filter's tracks.

@@ -244,7 +244,7 @@ def grade(
 
 @kernel
 def grow(excess: float, covariance_m2: Floats, grades: Grades, sigma_m: Floats) -> float:
-    """Grow what is stated, as far as errors last longer than the noise file says.
+    """Grow the stated errors, as far as errors last longer than the noise file says.
 
     What is reported besides the belief's own covariance is expected of slots to come, too.
 

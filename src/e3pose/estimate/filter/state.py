@@ -62,7 +62,7 @@ class Model:
 
     @cached_property
     def tree(self) -> Tree:
-        """How the joints hang together."""
+        """The tree of the joints."""
         return grow(self.skeleton)
 
     @cached_property

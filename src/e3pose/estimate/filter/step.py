@@ -21,7 +21,7 @@ from e3pose.estimate.filter.associate import associate
 from e3pose.estimate.filter.births import give_birth
 from e3pose.estimate.filter.blindness import learn_detection_map
 from e3pose.estimate.filter.compare import compare_predicted, compare_updated
-from e3pose.estimate.filter.existence import attend, end
+from e3pose.estimate.filter.existence import count_views, end
 from e3pose.estimate.filter.learned_noise import learn_noise, recall_noise
 from e3pose.estimate.filter.lone_view import update_by_views
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, move
@@ -235,7 +235,7 @@ def step_slot(
     turn_round(num_tracks, dt, constants, views, workspace.matches, tracks)
     _revise(num_tracks, num_views, dt, constants, workspace)
     learn_noise(noise, workspace.detectors)
-    attend(
+    count_views(
         num_tracks,
         dt,
         workspace.detectors.scales,

@@ -68,7 +68,7 @@ LEAST_NEWS = 1e-3  # numerics: of a slot, as a share of the variance expected
 
 @dataclass(frozen=True, slots=True)
 class SmoothSettings:
-    """How a take is smoothed.
+    """Settings for smoothing a take.
 
     Attributes:
         method: a name of `SMOOTHERS`; None only fills gaps.

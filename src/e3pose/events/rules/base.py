@@ -49,19 +49,19 @@ class Snapshot:
 
 
 class Rule(Protocol):
-    """Tell events. A rule keeps nothing: it takes what it remembers and returns the next."""
+    """Tell events. A rule is stateless: it takes its memory and returns the next."""
 
     def begin(self) -> Any:
-        """Return what it remembers before the first slot."""
+        """Return the memory before the first slot."""
         ...
 
     def advance(self, memory: Any, snapshot: Snapshot) -> tuple[Any, list[PersonEvent]]:
-        """Return what it remembers after a slot, and the events of it."""
+        """Return the memory after a slot, and its events."""
         ...
 
 
 def inherited(memory: Any, heirs: Mapping[int, int]) -> Any:
-    """Return what a rule remembers, with people by the identities that they have now.
+    """Return the memory of a rule, with people by their present identities.
 
     Args:
         memory: a mapping by track or by a tuple that begins with one, or a record of such.

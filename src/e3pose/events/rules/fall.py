@@ -91,7 +91,7 @@ UNSEEN_S = 0.3  # a gap counts as so long
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """How the hips came down.
+    """A descent of the hips.
 
     Attributes:
         drop: share of the stature.

@@ -1,4 +1,4 @@
-"""How many people there are: nobody for long, or too many."""
+"""The number of people: nobody for long, or too many."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ LEAST_IMAGE_PX, MOST_IMAGE_PX = 16.0, 1e5
 
 
 class ViewFigures(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What one camera's keypoints were like, for people: the filter does not look at it.
+    """Statistics of one camera's keypoints, for people: the filter does not read them.
 
     Attributes:
         keypoints: how many were compared.
@@ -78,7 +78,7 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     views: dict[str, ViewFigures] = {}
 
     def noise(self) -> Noise:
-        """Return what the filter needs of it, in pixels of the images of its limits."""
+        """Return the noise for the filter, in pixels of the images of its limits."""
         weight = ASSUMED_WEIGHT if self.basis == "assumed" else KNOWN_WEIGHT
         scores, sigma_px = np.array(self.scores), np.array(self.sigma_px)
         noise = Noise(scores, sigma_px, self.image_px, weight, self.memory)

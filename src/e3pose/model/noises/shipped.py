@@ -20,11 +20,11 @@ MAX_BYTES = 1_000_000
 
 
 class Detected(Protocol):
-    """What has keypoints: a recording, or a live site."""
+    """A source of keypoints: a recording, or a live site."""
 
     @property
     def detector(self) -> str:
-        """What found the keypoints; empty where nobody said."""
+        """The name of the detector; empty where nobody gave one."""
         ...
 
 

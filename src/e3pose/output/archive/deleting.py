@@ -27,7 +27,7 @@ from e3pose.store.forgetting import Forgotten, changing, forget, left
 
 @dataclass(frozen=True, slots=True)
 class Deleted:
-    """What became of a request at one place.
+    """The result of a request at one place.
 
     Attributes:
         place: the store, or an archive.
@@ -43,7 +43,7 @@ class Deleted:
 
 
 def delete_everywhere(store: str | Path, what: Forgotten) -> list[Deleted]:
-    """Delete from a store and from each archive that it went to; then look what is left.
+    """Delete from a store and from each archive of it; then count the remains.
 
     The next `archive_store` deletes there once more: where an archive cannot be reached now, and
     what one that is being written meanwhile has read before.
@@ -92,7 +92,7 @@ def delete_there(place: Place, what: Forgotten) -> tuple[int, list[str]]:
 
 
 def left_there(place: Place, what: Forgotten) -> int:
-    """Return how many rows an archive has of what is forgotten, by its files."""
+    """Return the number of forgotten rows that an archive still has, by its files."""
 
     from pyarrow import parquet
 

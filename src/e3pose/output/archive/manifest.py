@@ -1,4 +1,4 @@
-"""What an archive holds of a day, with hashes: `manifest.json` in its folder; and a check of it."""
+"""The content of a day's archive, with hashes: `manifest.json` in its folder; its check."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What an archive holds of a day of a site.
+    """The content of an archive of a day of a site.
 
     Attributes:
         site: its name.
@@ -149,7 +149,7 @@ def days_of(place: Place, site: str | None = None) -> list[tuple[str, str]]:
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """What a check found.
+    """The findings of a check.
 
     Attributes:
         days: with a manifest.

@@ -26,11 +26,11 @@ class Place(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called, without passwords; the same however it was written."""
+        """Its name, without passwords; the same for every spelling of the place."""
         ...
 
     def names(self, under: str = "") -> list[str]:
-        """Return the names of all files, or of those below a folder, sorted."""
+        """Return the names of all files, or of the files below a folder, sorted."""
         ...
 
     def read(self, name: str) -> bytes | None:
@@ -58,7 +58,7 @@ class Folder:
         self.name = str(self._path)
 
     def names(self, under: str = "") -> list[str]:
-        """Return the names of all files, or of those below a folder, sorted."""
+        """Return the names of all files, or of the files below a folder, sorted."""
         found = (
             path
             for above, folders, names in os.walk(
@@ -117,7 +117,7 @@ class Bucket:
         self.name = f"{address.partition('://')[0]}://{self._root.lstrip('/')}"
 
     def names(self, under: str = "") -> list[str]:
-        """Return the names of all files, or of those below a folder, sorted."""
+        """Return the names of all files, or of the files below a folder, sorted."""
         self._files.invalidate_cache()
         place = f"{self._root}/{under}".rstrip("/")
         try:

@@ -40,7 +40,7 @@ HOUR_NS = 3600 * NS
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What a pass over a store did.
+    """The result of a pass over a store.
 
     Attributes:
         hours: archived, with those that were archived again.
@@ -68,7 +68,7 @@ def archive_store(
     say: Say = lambda line: None,
     new: bool = False,
 ) -> Written:
-    """Archive what is closed and not there yet; whoever is killed in it goes on the next time.
+    """Archive closed files that the archive lacks; a pass that was killed goes on the next time.
 
     Args:
         store: path or URL; it may be written meanwhile.
@@ -108,7 +108,7 @@ def archive_store(
 def _apply(
     engine: Engine, site: str, place: Place, problems: dict[str, None], new: bool = False
 ) -> int:
-    """Note in the store where poses go, before any does; delete there what was asked for since."""
+    """Note the archive in the store before any pose goes there; apply later deletions to it."""
     table = schema.archives
     mine = (table.c.site == site) & (table.c.place == place.name)
     with engine.begin() as connection:
@@ -212,7 +212,7 @@ class Hour:
 
     @property
     def of_day(self) -> int:
-        """Which hour of the day."""
+        """The hour of the day."""
         return self.begin_ns // HOUR_NS % 24
 
 

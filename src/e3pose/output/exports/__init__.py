@@ -61,7 +61,7 @@ def format_of(dest: Path, named: str | None = None) -> str:
 
 
 def places_of(take: Take, dest: Path, format_name: str) -> list[tuple[Take, Path]]:
-    """Return what is written where: one file, or one a person as `walk-track7.trc`."""
+    """Return the files to write: one, or one a person as `walk-track7.trc`."""
     if not EXPORTS[format_name].one_person or len(take.motions) == 1:
         return [(take, dest)]
     return [

@@ -22,7 +22,7 @@ PER_METRE: dict[str, float] = {"mm": 1000.0, "m": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class ExportSettings:
-    """How a take is written; each format takes what says something to it.
+    """Settings for writing a take; each format takes the ones that concern it.
 
     Attributes:
         units: of TRC, C3D and BVH; None for the format's usual ones.
@@ -73,5 +73,5 @@ def y_up(points_m: Floats) -> Floats:
 
 
 def person_name(track_id: int) -> str:
-    """Return what a person is called in files."""
+    """Return the name of a person in files."""
     return f"track{track_id}"

@@ -1,4 +1,4 @@
-"""What humanoid rigs call the bones: VRM (also Unity and VMC), Mixamo, Unreal.
+"""Names of bones in humanoid rigs: VRM (also Unity and VMC), Mixamo, Unreal.
 
 A bone of theirs begins where a node of `bones` is: an upper leg at the hip. Nodes that no rig has
 (nose, ears beside a head, the top of the head) keep their names. The rigs differ in how many bones
@@ -60,7 +60,7 @@ BONE_NAMES = {"vrm": _named(VRM), "mixamo": _named(MIXAMO), "unreal": _named(UNR
 
 
 def bone_names(nodes: Sequence[str], rig: str | None) -> list[str]:
-    """Return what nodes are called in a rig.
+    """Return the names of nodes in a rig.
 
     Args:
         nodes: of `bones.Bones`.

@@ -104,7 +104,7 @@ class Bones:
         return np.asarray(found)
 
     def turns(self, node: int) -> bool:
-        """Return whether other nodes than those that move tell how a node turns."""
+        """Return whether nodes other than the moving ones tell how a node turns."""
         return any(child not in self.moved_m for child in self.children(node))
 
 

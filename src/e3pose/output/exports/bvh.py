@@ -68,7 +68,7 @@ def euler_zxy(rotations: Floats) -> Floats:
 
 
 def _hierarchy(bones: Bones, node: int, scale: float, depth: int, whole: bool) -> list[str]:
-    """Return the lines of a node and of those below it; `whole`: its ends are joints, too."""
+    """Return the lines of a node and of the nodes below it; `whole`: its ends are joints, too."""
     tab = "\t" * depth
     offset = " ".join(f"{value:.6f}" for value in scale * bones.offsets_m[node])
     children = bones.children(node)

@@ -47,7 +47,7 @@ Parts = Callable[[], Iterator[dict[str, NDArray[Any]]]]  # the columns of some r
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What is asked for; None is no limit.
+    """The requested part of a store; None is no limit.
 
     Attributes:
         start: from when, as `e3pose query` takes it.
@@ -220,7 +220,7 @@ def _inside(joints_m: Floats, asked: Asked) -> NDArray[np.bool_]:
 
 
 def _chosen(path: Path, take: Take, asked: Asked) -> Take:
-    """Return what is asked for of a take."""
+    """Return the requested part of a take."""
     first, last = _between(take.interval_s, take.started_ns, asked, path)
     motions = []
     for motion in take.motions:
@@ -238,7 +238,7 @@ def _chosen(path: Path, take: Take, asked: Asked) -> Take:
 
 
 def _parquet(path: Path) -> Take | Parts:
-    """Return what reads the columns of a table, or all of a wide one.
+    """Return the reader of a table's columns, or of a whole wide table.
 
     Columns and counts are in a file's last bytes: of one that is no such table nothing is read.
     """

@@ -136,7 +136,7 @@ def joint_angles(joints_m: Floats, skeleton: Skeleton) -> dict[str, Floats]:
 
 
 class _Body:
-    """Joints by name, also those that are means of others."""
+    """Joints by name, with the means of others."""
 
     def __init__(self, joints_m: Floats, skeleton: Skeleton) -> None:
         self._joints_m, self._names = joints_m, skeleton.joints
@@ -191,7 +191,7 @@ def dot(a: Floats, b: Floats) -> Floats:
 
 
 def unit(vectors: Floats) -> Floats:
-    """Return vectors of length 1 on the last axis; NaN of those without a length."""
+    """Return vectors of length 1 on the last axis; NaN for vectors without a length."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(length > 1e-9, length, np.nan))
 

@@ -200,7 +200,7 @@ def overlay_images(
 
 
 def camera_word(record: SlotRecord, camera: int) -> str:
-    """Return what a camera, by its index, did in a slot: `active`, `idle` or why it is blind."""
+    """Return a camera's state in a slot: `active`, `idle` or why it is blind."""
     if record.blind:
         return f"blind: {WORDS.get(record.blind, record.blind)}"
     return "active" if record.selected[camera] else "idle"

@@ -346,7 +346,7 @@ def budget(summary: Summary, num_cameras: int) -> float | None:
 
 
 def headline(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
-    """Say in two sentences who was there and what it took; no markup."""
+    """Say in two sentences who was there and what it cost; no markup."""
     if not records:
         return ["The recording is empty.", "There is nothing to show."]
     minutes, seconds = divmod(len(records) * recording.interval_s, 60)
@@ -386,7 +386,7 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
 def cards(
     recording: Recording, records: Sequence[SlotRecord], summary: Summary
 ) -> list[tuple[str, str]]:
-    """Return the large figures as (value, what it is); one that cannot be had is left out."""
+    """Return the large figures as (value, name); unknown ones are left out."""
     found: list[tuple[str, str]] = []
     if records:
         mean = duty(records, len(recording.rig)).sum()

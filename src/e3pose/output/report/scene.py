@@ -36,7 +36,7 @@ def stride(records: Sequence[SlotRecord]) -> int:
 
 
 def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
-    """Gather what is drawn, with only lists, numbers and strings in it.
+    """Gather the drawing's data, with only lists, numbers and strings in it.
 
     Args:
         recording: the source: cameras, skeleton and, if any, truth.

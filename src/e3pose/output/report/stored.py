@@ -1,4 +1,4 @@
-"""The report of a time range of a live store, with what the site kept of it: videos, times.
+"""The report of a time range of a live store, with the site's recorded videos and times.
 
 `slot_records` reads slots of a store back as slot records.
 """
@@ -131,7 +131,7 @@ def write_stretch(
 
 
 def _arrived(records: Sequence[SlotRecord], camera: int, num_joints: int) -> ViewSeries:
-    """Return the slots of which a camera's view came; what it showed is not in a store."""
+    """Return the slots in which a camera's view came; a store does not keep its content."""
     came = [record for record in records if record.arrived[camera]]
     return ViewSeries.from_views(
         [Poses2D.empty(num_joints)] * len(came),
@@ -190,7 +190,7 @@ def videos_of(
 def processor_of(
     folder: Path, camera_ids: tuple[str, ...], began_ns: int
 ) -> Mapping[str, ProcessorTime]:
-    """Return what cameras took, by the newest recording of a time that says so; empty without."""
+    """Return the processor time of cameras, by the newest recording that has it; empty without."""
     for part, _, _ in _kept(folder, began_ns):
         with suppress(InputError):
             if found := load_processor(part, camera_ids):

@@ -46,7 +46,13 @@ def common_joints(joints_m: Floats, columns: Integers, common_m: Floats) -> None
 
 @kernel
 def close_gaps(history_m: Floats, filled_m: Floats, measured: Flags) -> None:
-    """See `normalise.fill_gaps`, which allocates what is filled here."""
+    """Close gaps: a missing joint moves with its person, evenly between its neighbours.
+
+    Args:
+        history_m: `(num_slots, num_tracks, num_joints, 3)` metres, NaN where missing.
+        filled_m: of the same shape, filled; 0 for joints that the history never shows.
+        measured: `(num_slots, num_tracks, num_joints)`, filled.
+    """
     num_slots, num_tracks, num_joints = measured.shape
     path = np.zeros((num_slots, 3))
     for track in range(num_tracks):
@@ -135,7 +141,7 @@ def describe(
     speed_m: Floats,
     seen: Flags,
 ) -> None:
-    """Fill what the network sees of people whose gaps are closed, see `normalise.Normalised`.
+    """Fill the network's input, each person in a frame of their own.
 
     Args:
         filled_m: `(num_slots, num_tracks, num_common, 3)`, gaps closed.
@@ -144,10 +150,10 @@ def describe(
         sides: `(num_pairs, 2)` left and right joints that tell which way a person faces.
         features: `(num_slots, num_tracks, 7 * num_common)`, filled like all that follow.
         context: `(num_tracks, 4)`.
-        centre_m: `(num_tracks, 3)`.
-        heading: `(num_tracks, 2)`.
-        speed_m: `(num_tracks,)`.
-        seen: `(num_tracks, num_common)`.
+        centre_m: `(num_tracks, 3)` origin of the person's frame in the world.
+        heading: `(num_tracks, 2)` unit vector in the floor plane from right to left.
+        speed_m: `(num_tracks,)` root mean square motion of a joint per slot.
+        seen: `(num_tracks, num_common)` joints that the history shows in any slot.
     """
     num_slots, num_tracks, num_joints = measured.shape
     turned, motion = np.empty((num_slots, num_joints, 3)), np.zeros((num_slots, num_joints, 3))

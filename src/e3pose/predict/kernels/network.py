@@ -1,4 +1,4 @@
-"""The attention-LSTM network forward (paper section 3.2.1), as `learn.train.network` has it."""
+"""The attention-LSTM forward pass (paper section 3.2.1); weights are as the trainer writes them."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def run_network(
 
     Args:
         weights: of the network.
-        features: `(M, num_tracks, 7 C)`, see `normalise.Normalised`.
+        features: `(M, num_tracks, 7 C)`, see `history.describe`.
         context: `(num_tracks, 4)`.
         places: `(num_leads, num_tracks, 3 C)`, filled: metres in the people's frames, all x before
             all y before all z.

@@ -16,7 +16,7 @@ from e3pose.predict.kernels.tracks import Curves, Joints, place_tracks
 
 
 class Parts(NamedTuple):
-    """What is constant about a network and a skeleton."""
+    """The constants of a network and a skeleton."""
 
     weights: Weights
     joints: Joints

@@ -16,7 +16,7 @@ Floats32 = NDArray[np.float32]
 
 
 class Joints(NamedTuple):
-    """How the joints of a skeleton go with the common ones."""
+    """The mapping of a skeleton's joints to the common ones."""
 
     columns: Integers  # (num_common, most) joints whose mean each common one is, -1 for none
     direct: Integers  # (num_common,) the joint that it is, -1 where it is none or a mean
@@ -25,7 +25,7 @@ class Joints(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """How expected errors are calibrated, see `calibration.read_curves`."""
+    """The calibration of expected errors, see `attention_lstm.read_curves`."""
 
     x: Floats  # (num_curves, num_points) logarithms as the network states them
     y: Floats  # (num_curves, num_points) as they are found
@@ -52,10 +52,10 @@ def place_tracks(
     Args:
         places: `(num_known_leads, num_tracks, 3 * num_common)` of `run_network`.
         log_error: `(num_known_leads, num_tracks, num_common)` of `run_network`.
-        centre_m: as in `normalise.Normalised`, like all up to `newest_m`.
+        centre_m: `(num_tracks, 3)`, like the next two of `history.describe`.
         heading: `(num_tracks, 2)`.
         seen: `(num_tracks, num_common)`.
-        newest_m: `(num_tracks, num_common, 3)`.
+        newest_m: `(num_tracks, num_common, 3)` metres in the newest slot, gaps closed.
         history_m: `(num_slots, num_tracks, num_joints, 3)` metres, NaN where missing.
         joints: of the skeleton.
         curves: of the expected errors.
@@ -97,7 +97,7 @@ def place_tracks(
 
 @kernel
 def calibrated(log_error: float, lead: int, curves: Curves) -> float:
-    """Return the error in metres that a network's logarithm of it stands for at `lead`."""
+    """Return the error in metres for a network's logarithm of it at `lead`."""
     row = min(lead, len(curves.x) - 1)
     x, slopes = curves.x[row], curves.slopes[row]
     inside = min(max(log_error, x[0]), x[-1])
@@ -109,7 +109,7 @@ def calibrated(log_error: float, lead: int, curves: Curves) -> float:
 
 @kernel
 def _others(history_m: Floats, carried: Integers) -> tuple[Floats, Flags]:
-    """Return the histories of the joints that are carried, gaps closed, and what was measured."""
+    """Return the histories of the carried joints, gaps closed, and which were measured."""
     num_slots, num_tracks, _, _ = history_m.shape
     given = np.empty((num_slots, num_tracks, len(carried), 3))
     for slot in range(num_slots):

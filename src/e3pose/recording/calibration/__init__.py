@@ -37,7 +37,7 @@ TOML = re.compile(r"\[|(?![<{])[^:=]+=")  # how its first line begins
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What a calibration says.
+    """The content of a calibration file.
 
     Attributes:
         rig: the cameras.

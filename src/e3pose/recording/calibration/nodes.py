@@ -24,7 +24,7 @@ MAX_DEPTH = 32  # OpenCV and EasyMocap write at most four
 
 
 def parse_json(path: Path, text: str) -> Any:
-    """Return what the JSON of a calibration holds; raise `InputError` if it is none."""
+    """Return the content of a calibration's JSON; raise `InputError` for other text."""
 
     def unique(pairs: list[tuple[str, Any]]) -> Mapping[str, Any]:
         named = dict(pairs)

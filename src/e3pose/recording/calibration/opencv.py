@@ -102,7 +102,7 @@ def load(path: Path, notes: list[str], unit: str = "m") -> Rig:
 def _entries(
     file: Path, nodes: Any, notes: list[str]
 ) -> tuple[dict[str, Any], list[tuple[str | None, Any]]]:
-    """Return what all cameras of a file share, and each with its name, where that is a key."""
+    """Return the entries shared by a file's cameras, and each camera's with its name, if a key."""
     if isinstance(nodes, list):
         return {}, [(None, entry) for entry in nodes]
     common = {name: nodes[name] for name in FIELDS["units"] if name in nodes}

@@ -55,7 +55,7 @@ def require_placed(rig: Rig, where: object) -> None:
 def world_problem(
     rig: Rig, file: object = "calibration.toml", rotations: Mapping[str, int] | None = None
 ) -> tuple[str, str]:
-    """Return a short stable name and words for what is wrong with a rig's axes or unit.
+    """Return a short stable name and a description of a problem with a rig's axes or unit.
 
     Args:
         rig: the cameras; a rig that is not placed has no such problem.

@@ -67,7 +67,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pictures:
-    """What a file holds.
+    """The content of a file.
 
     Attributes:
         pictures: in the order of the file.
@@ -107,7 +107,7 @@ def read_pictures(path: Path, images: Mapping[Any, str] | None = None) -> Pictur
 
 
 def parse(content: bytes, path: Path) -> Any:
-    """Return what JSON holds, also with NaN, which Python and NumPy write for missing numbers."""
+    """Return the content of JSON, with the NaN that Python and NumPy write for missing numbers."""
     try:
         return msgspec.json.decode(content)
     except UNDECODABLE as first:

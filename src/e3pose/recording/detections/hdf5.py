@@ -62,7 +62,7 @@ def _member(group: h5py.Group, name: str, path: Path) -> Any:
 
 
 def _values(dataset: Any, path: Path) -> Any:
-    """Return what a dataset holds, which must lie in the file and fit into memory.
+    """Return the content of a dataset, which must lie in the file and fit into memory.
 
     Values of variable length lie in a heap, in which a broken file can make the library search
     without an end.

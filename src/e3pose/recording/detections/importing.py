@@ -50,7 +50,7 @@ People = list[dict[int, tuple[Floats, ...]]]  # per camera, by frame number
 
 @dataclass(frozen=True, slots=True)
 class ImportSettings:
-    """What the files themselves do not say.
+    """Facts that the files themselves lack.
 
     Attributes:
         folders: camera id to the name of its folder or file, where names alone do not tell.
@@ -256,7 +256,7 @@ class Reader:
         return found
 
     def _by_number(self, numbers: set[int], path: Path) -> dict[int, int]:
-        """Return the cameras of a file's numbers: those that names end in, else their places."""
+        """Return the cameras for a file's numbers: ids that end in them, else their places."""
         ends = [re.findall(r"\d+", name)[-1:] for name in self.rig.camera_ids]
         named = {int(end[0][-9:]): i for i, end in enumerate(ends) if end}
         if numbers <= {*named} and len(named) == len(self.rig):

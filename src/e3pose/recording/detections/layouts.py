@@ -60,7 +60,7 @@ class Layout:
 
     @property
     def unused(self) -> str:
-        """What to tell of keypoints that no joint takes; empty if there are none."""
+        """A remark on keypoints that no joint takes; empty if there are none."""
         taken = {*self.columns}
         left = [self.names[i] if i < len(self.names) else f"keypoint {i + 1}"
                 for i in range(self.count) if i not in taken]  # fmt: skip
@@ -121,7 +121,7 @@ COUNTS = sorted({layout.count for layout in LAYOUTS})
 
 
 def choose_layout(people: Floats, name: str | None, where: str) -> tuple[Layout, str]:
-    """Return in which order the keypoints of people are, and what to tell the user of it.
+    """Return the order of people's keypoints, and a remark on it for the user.
 
     Orders of one count are told apart by limbs: those of the right one are the shortest.
 

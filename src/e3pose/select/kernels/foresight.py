@@ -58,7 +58,7 @@ def foresee_views(
 ) -> None:
     """Fill `foreseen`.
 
-    Less is expected of cameras that seldom show somebody where people will be (`blind_places`).
+    Less is expected of cameras that seldom show somebody where people will be.
 
     Args:
         expected: people.

@@ -33,7 +33,7 @@ class Situation:
         deficit: `(num_cameras,)` the virtual queue: activity beyond the budget so far, in slots.
         budget: `(num_cameras,)` the paper's E_n: the share of slots a camera may be active.
         price: `(num_cameras,)` cost of waking a camera: the drift of its queue, the paper's q_n
-            where all cameras cost the same energy (`energy.price`).
+            where all cameras cost the same energy (`energy.queues.price`).
         spread: usual difference of `occlusion` between cameras, the unit of V of the paper's
             policies; 0 before any occlusion.
         foresight: expected information of each camera; None if the policy does not need it

@@ -30,7 +30,7 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """All of it in a line."""
+        """The finding in one line."""
         return ": ".join(filter(None, (self.what, self.found, self.advice)))
 
 
@@ -50,7 +50,7 @@ def problem(what: str, found: str, advice: str = "") -> Finding:
 
 
 def report(findings: Iterable[Finding], warn: Callable[[str], object], refusing: str = "") -> None:
-    """Say what is wrong at the start of a program.
+    """Print the findings at the start of a program.
 
     Args:
         findings: of its parts.

@@ -22,7 +22,7 @@ CLOCK_MS = 5.0  # of a clock, before it is said
 
 
 def link_problems(site: ResolvedSite) -> Iterator[Finding]:
-    """Yield what is wrong with the endpoint and the certificates of all programs."""
+    """Yield the problems of the endpoint and of all programs' certificates."""
     table, folder = site.file.link, site.file.keys
     try:
         _, roll = edge_link(site.file)
@@ -53,7 +53,7 @@ def link_problems(site: ResolvedSite) -> Iterator[Finding]:
 
 
 def _certificates(folder: Path, roll: Roll, site: str) -> Iterator[Finding]:
-    """Yield certificates that are not valid, and those that expire soon."""
+    """Yield certificates that are invalid or expire soon."""
     refused = set()
     for kind, names in roll.holders.items():
         for name in names:

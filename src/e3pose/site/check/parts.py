@@ -1,4 +1,4 @@
-"""The parts of a site that list what is wrong with them before it starts."""
+"""The parts of a site that list their problems before it starts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ APART_M = 0.1  # cameras nearer to each other than this see the same
 
 
 def rig_problems(site: ResolvedSite) -> Iterator[Finding]:
-    """Yield what is wrong with where the cameras are, and whether they see the same."""
+    """Yield the problems of the cameras' places, and of their common view."""
     rig, file, what = site.rig, site.file.calibration, "calibration"
     if not rig.placed:
         lost = f"no place of {', '.join(rig.unplaced)}" if rig.unplaced else "lenses, but no places"

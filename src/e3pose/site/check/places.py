@@ -21,7 +21,7 @@ STORE_CHECK_S = 5.0  # at its database
 
 
 def place_problems(site: SiteTable) -> Iterator[Finding]:
-    """Yield what is wrong with the folders and files that the edge writes to."""
+    """Yield the problems of the folders and files that the edge writes to."""
     store = None if site.store is None else site.store.place
     for what, file in (("state", site.state), ("store", store)):
         if not isinstance(file, Path):
@@ -57,7 +57,7 @@ def kill_cost(store: StoreTable, slots_per_s: float) -> Finding:
 
 
 def store_problems(site: SiteTable) -> Iterator[Finding]:
-    """Yield what is wrong with the store, after seconds at its database, or of its server."""
+    """Yield the problems of the store: of its database, checked for seconds, or of its server."""
     place = None if site.store is None else site.store.place
     if isinstance(place, Path):
         yield from _file_problems(place)

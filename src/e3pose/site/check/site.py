@@ -1,4 +1,4 @@
-"""Check a site: all its parts list what is wrong with them, at its start and for `e3pose check`."""
+"""Check a site: all its parts list their problems, at its start and for `e3pose check`."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def _stored(site: ResolvedSite) -> Iterator[Doubt]:
 
 
 def _recorded(site: ResolvedSite) -> Iterator[Doubt]:
-    """Compare the recordings that cameras play, and those that the site kept."""
+    """Compare the recordings that cameras play with those that the site kept."""
     sources = (each.source or "" for each in site.cameras.values())
     paths = [Path(place_of(source) or "") for source in sources if is_recorded(source)]
     kept = kept_recordings(site.file.record.path)[:MOST_RECORDINGS]

@@ -25,7 +25,7 @@ SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
 
 
 def source_problems(site: ResolvedSite) -> Iterator[Finding]:
-    """Yield what is wrong with sources and networks of cameras that `e3pose up` would run here."""
+    """Yield the problems of sources and networks of cameras that `e3pose up` would run here."""
     for camera in site.cameras.values():
         yield from _recording(camera)
         if camera.source is None:

@@ -89,7 +89,7 @@ class LiveOrder(Asked):
 
 @dataclass(eq=False)
 class Table:
-    """All that the API works with.
+    """Everything that the API works with.
 
     Attributes:
         setup: the site that is set up.

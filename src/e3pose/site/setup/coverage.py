@@ -1,4 +1,4 @@
-"""How far a walk covers the room: by camera, by pair of cameras and, once calibrated, by place.
+"""Coverage of the room by a walk: by camera, by pair of cameras and, once calibrated, by place.
 
 Before a calibration nobody knows where on the floor a person is. What is known then is where in
 each picture people were, and which cameras saw somebody at the same time: that is what a

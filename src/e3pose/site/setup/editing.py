@@ -120,7 +120,7 @@ def _cameras(document: Any, plan: Plan, choice: Choice) -> None:
 
 
 def set_or_drop(table: Any, key: str, value: Any) -> None:
-    """Set a key of a document; drop it for what is empty or 0."""
+    """Set a key of a document; drop it for an empty value or 0."""
     if value:
         table[key] = value
     else:

@@ -242,7 +242,7 @@ class WebhookStream:
                 self._changed.notify()
 
     def test(self) -> str:
-        """See `CanTest.test`: posted once, past those that wait, also in quiet hours."""
+        """See `CanTest.test`: posted once, before the waiting ones, also in quiet hours."""
         sentence = f"Test notice of {self._source.site}: nothing happened"
         words = {
             "id": secrets.token_hex(16), "site": self._source.site, "kind": "test",

@@ -46,7 +46,7 @@ class Changes(BaseModel):
 
 
 class LoopChanges(Changes):
-    """How cameras are selected; `cameras` and `target_error_mm` replace each other."""
+    """Changes to the selection of cameras; `cameras` and `target_error_mm` replace each other."""
 
     cameras: Annotated[float | None, Field(gt=0, le=1000, description="per slot")] = None
     target_error_mm: Annotated[float | None, Field(ge=1, le=1000)] = None

@@ -133,7 +133,7 @@ class Feed:
 
     @property
     def followers(self) -> int:
-        """How many follow."""
+        """The number of followers."""
         return len(self._queues)
 
     def full(self, address: str) -> bool:

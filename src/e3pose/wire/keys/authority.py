@@ -115,7 +115,7 @@ def make_key() -> tuple[bytes, bytes]:
 
 
 def read_public(found: bytes) -> ec.EllipticCurvePublicKey:
-    """Return a public key; raise `InputError` for what is none on P-256."""
+    """Return a public key; raise `InputError` unless it is one on P-256."""
     try:
         return ec.EllipticCurvePublicKey.from_encoded_point(ec.SECP256R1(), found)
     except ValueError:
@@ -141,7 +141,7 @@ def common_name(certificate: bytes) -> str:
 def problem_with(
     certificate: bytes, key: bytes, authority: bytes, now: datetime.datetime
 ) -> str | None:
-    """Return what is wrong with a program's certificate in words, None if nothing is."""
+    """Return the problem of a program's certificate in words, None for none."""
     try:
         own = x509.load_pem_x509_certificate(certificate)
         issuer = x509.load_pem_x509_certificate(authority)

@@ -71,7 +71,7 @@ class _Listed(Roll):
 
 
 def not_admitted(roll: Roll | None, camera_ids: Sequence[str]) -> dict[str, str]:
-    """Return why cameras cannot join a site, for those that cannot.
+    """Return the cameras that cannot join a site, and why.
 
     Args:
         roll: the holders of certificates; None where the site has none.
@@ -264,7 +264,7 @@ def _check_hosts(hosts: Sequence[str]) -> None:
 
 
 def certificates_in(folder: Path, role: Literal["edge"] | Kind) -> Certificates:
-    """Return the files of a folder for a program; raise `InputError` naming what is missing."""
+    """Return the files of a folder for a program; raise `InputError` naming a missing one."""
     files = Certificates(folder / "authority.pem", folder / f"{role}.pem", folder / f"{role}.key")
     for path in (files.authority, files.certificate, files.key):
         read_bytes(path, MAX_PEM_BYTES)

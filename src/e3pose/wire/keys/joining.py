@@ -91,7 +91,7 @@ def line_of(**said: Any) -> bytes:
 
 
 def read_line(line: bytes) -> JoinLine:
-    """Return what a line says; raise `InputError` for one that is cut, or says something else."""
+    """Return the message of a line; raise `InputError` for a cut or unexpected one."""
     if not line.endswith(b"\n"):
         raise InputError("the other side ended the connection")
     try:
@@ -113,7 +113,7 @@ def answer(code: str, name: str, pake: bytes) -> tuple[bytes, ChaCha20Poly1305]:
 
 
 def unseal(key: ChaCha20Poly1305, nonce: bytes, sealed: bytes) -> bytes:
-    """Return what the other side sealed; raise `InputError` where it has another code."""
+    """Return the other side's sealed message; raise `InputError` where it has another code."""
     from cryptography.exceptions import InvalidTag
 
     try:
@@ -132,7 +132,7 @@ def ask_to_join(
     public: bytes,
     keep: Callable[[JoinLine], object],
 ) -> JoinLine:
-    """Return what an edge says to a camera that has its code.
+    """Return the edge's reply to a camera that has its code.
 
     Args:
         address: host and port, see `join_port`.

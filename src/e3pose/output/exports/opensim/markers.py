@@ -82,7 +82,7 @@ def columns(skeleton: Skeleton, names: str | None) -> list[tuple[str, tuple[int,
 
 
 def markers(skeleton: Skeleton, names: str) -> list[Marker]:
-    """Return the markers that the model has, of those joints that a skeleton has."""
+    """Return the markers of the model for the joints of a skeleton."""
     found = []
     for side, suffix, outwards in SIDES:
         for joint, place in PLACES.items():
