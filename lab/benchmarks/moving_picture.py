@@ -1,6 +1,9 @@
 """Make the moving picture of the README: one camera's view, poses from all cameras and from two.
 
-    python lab/benchmarks/moving_picture.py docs/images/two-of-four.webp
+    python lab/benchmarks/moving_picture.py docs/images/two-of-four.webp --recording clip
+    e3pose replay clip --cameras 2 --hold-out each
+
+The second command says how often a limb is wrong; so does `--policy all`.
 
 The clip is that of the demo, 20 of its frames a second; both runs are those of `e3pose replay`
 (`--cameras all`, `--cameras 2`), from the end of the warm-up on. `--model FILE` is a network; by
@@ -76,9 +79,10 @@ def main() -> None:
     parser.add_argument("dest", type=Path)
     parser.add_argument("--model", type=Path)
     parser.add_argument("--camera", default="cam02")
+    parser.add_argument("--recording", type=Path, help="a folder to keep the recording in")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / "clip"
+        folder = asked.recording or Path(name) / "clip"
         recording = recorded(asked.model, folder)
         index = recording.rig.index(asked.camera)
         runs = ReplaySettings(policy="all"), ReplaySettings(num_selected=2)
