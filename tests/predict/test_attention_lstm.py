@@ -65,20 +65,6 @@ def test_place_and_heading_in_the_room_change_nothing() -> None:
     np.testing.assert_allclose(moved, predict(history).joints_m @ turn.T + shift, atol=1e-4)
 
 
-def test_people_do_not_depend_on_who_else_is_there() -> None:
-    history = gliding()
-    together = predict(history)
-    for person in range(3):
-        alone = predict(history[:, person : person + 1])
-        np.testing.assert_allclose(alone.joints_m[:, 0], together.joints_m[:, person], atol=1e-5)
-        np.testing.assert_allclose(alone.error_m[:, 0], together.error_m[:, person], atol=1e-5)
-
-
-def test_a_shorter_lead_is_the_start_of_a_longer_one() -> None:
-    long, short = predict(gliding(), lead=15), predict(gliding(), lead=3)
-    np.testing.assert_allclose(long.joints_m[:3], short.joints_m, atol=1e-5)
-
-
 def test_only_the_newest_slots_count() -> None:
     history = gliding(num_slots=25)
     np.testing.assert_array_equal(predict(history).joints_m, predict(history[-10:]).joints_m)
@@ -136,19 +122,6 @@ def test_somebody_without_a_common_joint_stays_where_they_are() -> None:
     assert np.isnan(joints[:, :3]).all()
 
 
-def test_a_track_of_nothing_is_nothing() -> None:
-    history = gliding()
-    history[:, 0] = np.nan
-    prediction = predict(history)
-    assert np.isnan(prediction.joints_m[:, 0]).all() and np.isnan(prediction.error_m[:, 0]).all()
-    assert np.isfinite(prediction.joints_m[:, 1:]).all()
-
-
-def test_one_slot_of_history_is_enough_to_stay_near() -> None:
-    joints = predict(gliding(num_slots=1)).joints_m
-    np.testing.assert_allclose(joints, np.broadcast_to(gliding(1), joints.shape), atol=0.15)
-
-
 @each_case("interval_s", [1 / 60, 1 / 30, 1 / 5])
 def test_any_frame_rate_glides_on(interval_s: float) -> None:
     history = gliding(speed_m=1.2 * interval_s)
@@ -170,10 +143,6 @@ def test_hundreds_of_people_stay_far_ahead_where_the_last_lead_has_them() -> Non
     prediction = predict(history, lead=MAX_LEADS + 40)
     assert np.isfinite(prediction.joints_m).all()
     np.testing.assert_array_equal(prediction.joints_m[-1], prediction.joints_m[MAX_LEADS - 1])
-
-
-def test_nobody_is_nobody() -> None:
-    assert predict(np.zeros((10, 0, 17, 3)), lead=4).joints_m.shape == (4, 0, 17, 3)
 
 
 def test_weights_are_small() -> None:
@@ -210,6 +179,7 @@ def test_damaged_weights_are_refused(tmp_path: Path, damage: str) -> None:
         ("error_curve", rb"\[\[\[-\d", b"[[[99"),
         ("error_factor", b"error_factor", b"error_vector"),
         ("network", b"log_error", b"lag_error"),
+        ("", b"features", b"fixtures"),  # its first input renamed
     ],
 )
 def test_weights_of_another_kind_are_refused(
@@ -221,14 +191,6 @@ def test_weights_of_another_kind_are_refused(
     path = tmp_path / "w.onnx"
     path.write_bytes(changed)
     with pytest.raises(InputError, match=rf"w\.onnx: {key}"):
-        AttentionLstm(COCO17, path)
-
-
-def test_a_network_of_other_inputs_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "w.onnx"
-    # The metadata of the shipped network with its first input renamed.
-    path.write_bytes(SHIPPED.read_bytes().replace(b"features", b"fixtures"))
-    with pytest.raises(InputError, match=r"w\.onnx"):
         AttentionLstm(COCO17, path)
 
 

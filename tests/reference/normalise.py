@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
 from e3pose.predict.kernels.history import (
-    FAR_M,
     LONGEST_S,
     ROUGH_FLOOR_M,
     SHORTEST_S,
@@ -15,39 +14,7 @@ from e3pose.predict.kernels.history import (
     SPEED_FLOOR_M,
 )
 from e3pose.predict.normalise import LEFT_RIGHT, NUM_COMMON, NUM_FEATURES
-from e3pose_lab.prediction.normalise import Normalised, last_slots
-
-
-def fill_gaps(history_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Close gaps as if a missing joint moved with the person and evenly between its neighbours.
-
-    See `e3pose_lab.prediction.normalise.fill_gaps`.
-    """
-    with np.errstate(invalid="ignore"):
-        measured = np.asarray((np.abs(history_m) < FAR_M).all(axis=-1))
-    if measured.all():
-        return history_m, measured
-    num_slots, num_tracks, num_joints = measured.shape
-    known = np.where(measured[..., None], history_m, 0.0)
-    both = measured[1:] & measured[:-1]
-    motion = np.einsum("tnjc,tnj->tnc", known[1:] - known[:-1], both)
-    motion /= np.maximum(both.sum(axis=2), 1)[..., None]
-    path = np.zeros((num_slots, num_tracks, 1, 3))
-    np.cumsum(motion, axis=0, out=path[1:, :, 0])
-    known -= path
-
-    slot = np.arange(num_slots)[:, None, None]
-    before = np.maximum.accumulate(np.where(measured, slot, -1), axis=0)
-    after = np.minimum.accumulate(np.where(measured, slot, num_slots)[::-1], axis=0)[::-1]
-    first = np.where(before < 0, np.minimum(after, num_slots - 1), before)
-    last = np.where(after >= num_slots, first, after)
-    share = (slot - first) * (first != last) / np.maximum(last - first, 1)
-    row = np.arange(num_tracks * num_joints).reshape(num_tracks, num_joints)
-    flat = known.reshape(-1, 3)
-    start = flat[first * row.size + row]
-    filled = start + share[..., None] * (flat[last * row.size + row] - start) + path
-    filled *= np.asarray(measured.any(axis=0))[..., None]
-    return filled, measured
+from e3pose_lab.prediction.normalise import Normalised, fill_gaps, last_slots
 
 
 def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> Normalised:

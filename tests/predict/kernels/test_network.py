@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +10,17 @@ from numpy.typing import NDArray
 from tests.cases import each_case
 from tests.reference import attention_network as runtime
 from tests.reference import normalise as plain_history
-from tests.reference import velocity as plain_velocity
 
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
 from e3pose.model.skeleton import COCO17
-from e3pose.predict.attention_lstm import PUBLISHED, SHIPPED, AttentionLstm, read_curves
+from e3pose.predict.attention_lstm import PUBLISHED, SHIPPED, AttentionLstm
 from e3pose.predict.kernels.half import Halves, in_half, widen
 from e3pose.predict.kernels.layers import linear, sigmoid, soften, tanh
 from e3pose.predict.kernels.network import run_network
-from e3pose.predict.kernels.tracks import calibrated
 from e3pose.predict.normalise import NUM_COMMON
-from e3pose.predict.velocities import ConstantVelocity, newest_known
 from e3pose.predict.weights_file import read_file
-from e3pose_lab.prediction.normalise import Normalised, fill_gaps, normalise
+from e3pose_lab.prediction.normalise import Normalised, normalise
 
 pytest.importorskip(
     "onnxruntime", reason="onnxruntime is not installed: pip install e3pose[camera]"
@@ -78,29 +74,6 @@ def test_softmax_of_large_numbers() -> None:
     np.testing.assert_allclose(values, [1 / (1 + np.e), np.e / (1 + np.e), 0], atol=1e-6)
 
 
-def test_expected_errors_are_interpolated_as_in_numpy() -> None:
-    curve = [[[-4.0, -3.0, -1.0]], [[-5.0, -3.0, -2.5]]]
-    curves = read_curves({"error_factor": "[2.0]", "error_curve": json.dumps(curve)})
-    for log_error in np.linspace(-4, -1, 31):
-        expected = 2 * np.exp(np.interp(log_error, curve[0][0], curve[1][0]))
-        assert calibrated(log_error, 3, curves) == pytest.approx(expected)
-
-
-@each_case("num_slots", [1, 2, 5])
-@each_case("seed", range(4))
-def test_what_is_predicted_is_that_of_numpy(num_slots: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    history = rng.normal(size=(num_slots, 4, 6, 3))
-    history[rng.random(history.shape[:3]) < 0.4] = np.nan
-    history[:, 1] = np.nan
-    for found, expected in zip(
-        newest_known(history), plain_velocity.newest_known(history), strict=True
-    ):
-        np.testing.assert_array_equal(found, expected)
-    found = ConstantVelocity().predict(history, 0.04, 3).joints_m
-    np.testing.assert_allclose(found, plain_velocity.constant_velocity(history, 3), atol=1e-12)
-
-
 def histories(seed: int, num_slots: int = 10) -> Floats:
     """Return people with gaps, one who is missing and joints that are light years away."""
     rng = np.random.default_rng(seed)
@@ -114,15 +87,6 @@ def histories(seed: int, num_slots: int = 10) -> Floats:
     history[5, 4, :3] = 1e6
     history[:, 5, :4] = 0.25  # no width: faces nowhere
     return history
-
-
-@each_case("seed", range(5))
-def test_gaps_are_closed_as_in_numpy(seed: int) -> None:
-    history = histories(seed)
-    filled, measured = fill_gaps(history)
-    expected, known = plain_history.fill_gaps(history)
-    np.testing.assert_array_equal(measured, known)
-    np.testing.assert_allclose(filled, expected, atol=1e-12)
 
 
 @each_case("num_slots", [1, 4, 10, 13])
