@@ -38,12 +38,10 @@ START_S = 30.0  # of a core, besides the tests
 BROKEN = 70  # exit code of a run that did not end by itself
 SILENT_S = 900.0  # on the clock, after which a run hangs
 PLAIN_TESTS = (  # of kernels by themselves, and against their plain forms
-    "tests/select/kernels",
     "tests/select/test_occlusion.py",
     "tests/select/test_expected_information.py",
     "tests/estimate/filter",
     "tests/estimate/per_slot",
-    "tests/reference",
 )
 MARKS = "not shared and not live and not timed and not network"
 KERNEL = "\n@kernel"  # in files that declare kernels

@@ -10,6 +10,7 @@ import numpy as np
 from e3pose.base.arrays import Floats
 from e3pose.estimate.base import Expected, Outlook
 from e3pose.model.noise import ErrorMemory
+from e3pose.select.policies import Situation
 
 
 def standing(joints_m: Floats, num_cameras: int, sigma_m: float = 0.1, **more: Any) -> Outlook:
@@ -44,3 +45,21 @@ def standing(joints_m: Floats, num_cameras: int, sigma_m: float = 0.1, **more: A
 def known(outlook: Outlook, **arrays: Any) -> Outlook:
     """Return an outlook with other arrays of `Expected`."""
     return replace(outlook, expected=outlook.expected._replace(**arrays))
+
+
+def situation(num_cameras: int, **more: Any) -> Situation:
+    """Return a slot in which nothing prefers a camera; `more` are other fields."""
+    none = np.zeros(num_cameras)
+    plain = Situation(
+        slot=7,
+        interval_s=0.04,
+        online=np.ones(num_cameras, dtype=bool),
+        occlusion=none,
+        own_occlusion=none,
+        unseen_slots=np.ones(num_cameras, dtype=np.int64),
+        visibility=np.ones((num_cameras, 1)),
+        deficit=none,
+        budget=np.full(num_cameras, 0.8),
+        price=none,
+    )
+    return replace(plain, **more)

@@ -26,12 +26,7 @@ MISSES = 5  # with the 5 % that any link may lose
 
 
 def losing(loss: float, lead: int, slots: int, dead_from: int) -> tuple[float, float]:
-    """Run five cameras behind a link that loses; the first dies.
-
-    Returns:
-        The share of slots in which those that live are left out, and the seconds until the death
-        shows in the orders.
-    """
+    """Run five cameras behind a link that loses; the first dies."""
     rng, silence, left_out = np.random.default_rng(0), Silence.none(5), 0
     orders: list[NDArray[np.bool_]] = [np.ones(5, dtype=bool)] * lead
     noticed_s = np.inf

@@ -29,10 +29,6 @@ def view(*centres: float) -> Poses2D:
     return Poses2D(keypoints, np.ones(keypoints.shape[:2]))
 
 
-def test_camera_that_never_looked_knows_nothing() -> None:
-    assert np.isnan(foreseen(LastView.none(), 5))
-
-
 def test_boxes_move_on_with_their_motion_until_they_meet() -> None:
     last = with_view(LastView.none(), view(200, 600), 0, SIZE)
     last = with_view(last, view(220, 580), 2, SIZE)  # 10 px a slot towards each other
@@ -91,11 +87,6 @@ def test_joint_behind_the_camera_or_unknown_is_missing() -> None:
     joints_m = np.array([[[0.0, 0, 4], [0, 0, -1], [np.nan] * 3]])
     (view, _) = expected_in_views(SEEING, joints_m, np.array([0.1]))
     assert np.isfinite(view.keypoints_px[0]).all(axis=-1).tolist() == [True, False, False]
-
-
-def test_nobody_is_expected_of_no_tracks() -> None:
-    views = expected_in_views(SEEING, np.zeros((0, 17, 3)), np.zeros(0))
-    assert [len(view) for view in views] == [0, 0]
 
 
 def test_reach_holds_nine_of_ten_joints_of_a_normal_error() -> None:

@@ -14,15 +14,12 @@ from e3pose.select.occlusion import Spread, box_iou, expected_views, occlusion, 
 SIZE = (1000, 800)
 
 
-def test_box_is_ten_percent_larger_than_the_joints() -> None:
+def test_box_is_ten_percent_larger_than_the_joints_and_cut_at_the_image() -> None:
     keypoints = np.array([[100.0, 200.0], [300.0, 600.0], [np.nan, np.nan]])
     np.testing.assert_allclose(person_boxes(keypoints, SIZE), [90, 180, 310, 620])
-
-
-def test_box_is_cut_at_the_image() -> None:
-    keypoints = np.array([[-50.0, 10.0], [50.0, 900.0]])
-    keypoints = np.vstack([keypoints, [20.0, 20.0]])
+    keypoints = np.array([[-50.0, 10.0], [50.0, 900.0], [20.0, 20.0]])
     np.testing.assert_allclose(person_boxes(keypoints, SIZE), [-0.5, -0.5, 55, 799.5])
+    assert person_boxes(np.zeros((0, 17, 2)), SIZE).shape == (0, 4)
 
 
 @each_case(

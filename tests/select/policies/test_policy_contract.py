@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.cases import each_case
+from tests.select import outlooks
 from tests.select.outlooks import standing
 
 from e3pose.energy.queues import advance_deficit
@@ -39,16 +40,15 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
 def situation(slot: int, rng: np.random.Generator, online: Selection) -> Situation:
     num_cameras = len(online)
     deficit = rng.uniform(0, 4, num_cameras)
-    return Situation(
+    return outlooks.situation(
+        num_cameras,
         slot=slot,
-        interval_s=0.04,
         online=online,
         occlusion=rng.uniform(0, 1, num_cameras),
         own_occlusion=np.where(rng.uniform(size=num_cameras) < 0.2, np.nan, rng.uniform(0, 0.3)),
         unseen_slots=rng.integers(1, 40, num_cameras),
         visibility=rng.uniform(0, 1, (num_cameras, 3)),
         deficit=deficit,
-        budget=np.full(num_cameras, 0.8),
         price=deficit,
         foresight=foresight(rng, num_cameras),
     )
@@ -89,18 +89,6 @@ def test_reaches_a_mean_that_is_no_whole_number(name: str, mean: float) -> None:
     counts = [int(policy.select(situation(slot, rng, online)).sum()) for slot in range(200)]
     assert abs(sum(counts) - 200 * mean) <= 1
     assert set(counts) <= {int(mean), int(mean) + 1}
-
-
-@each_case("name", COUNTING)
-def test_makes_up_the_number_when_cameras_die(name: str) -> None:
-    policy = POLICIES[name].make(PolicySettings(num_selected=2, order=(0, 2, 4, 1, 3)))
-    rng = np.random.default_rng(4)
-    for slot in range(60):
-        online = np.ones(5, dtype=bool)
-        online[: slot // 20] = False  # one more dies every 20 slots
-        selection = policy.select(situation(slot, rng, online))
-        assert selection.sum() == 2
-        assert not (selection & ~online).any()
 
 
 @pytest.mark.slow
