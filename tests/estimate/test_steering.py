@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.cases import each_case
+from tests.estimate.test_estimator_contract import estimator_of
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate import ESTIMATORS, EstimatorSettings, estimator_maker
+from e3pose.estimate import ESTIMATORS
 from e3pose.estimate.base import STEER_SLOTS, Estimate, History
 from e3pose.estimate.filter.estimator import Filtered, Looks
-from e3pose.estimate.per_slot.fuse import FusionSettings
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, replay
 from e3pose.evaluate.summary import accuracy
-from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline
 from e3pose.predict import Prediction
@@ -29,8 +28,6 @@ from e3pose.predict.velocities import ConstantVelocity
 from e3pose.recording import Recording
 from e3pose.settings.parts import STEERING_SLOTS
 from e3pose.simulate import SceneSettings, simulate
-
-SIMULATED = load_noise("simulated")
 
 pytestmark = pytest.mark.slow
 
@@ -91,10 +88,7 @@ def test_people_are_foreseen_by_looks_and_not_by_what_the_filter_expected(
 ) -> None:
     _, every, without, pace = case
     recording = scene(*CASES[1])
-    settings = EstimatorSettings(
-        recording.rig, recording.skeleton, INTERVAL_S, 8, FusionSettings(), noise=SIMULATED
-    )
-    estimator, predictor = estimator_maker("memory")(settings), Aside(0.05)
+    estimator, predictor = estimator_of("memory", recording, 8), Aside(0.05)
     memory, shown = estimator.begin(), dict[int, Estimate]()
     for slot in range(60):
         looks = slot < 6 or (slot % every == 0) != bool(without)
@@ -137,10 +131,7 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
     name: str, error_m: float
 ) -> None:
     recording = scene(*CASES[1])
-    settings = EstimatorSettings(
-        recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), noise=SIMULATED
-    )
-    estimator = estimator_maker(name)(settings)
+    estimator = estimator_of(name, recording)
     memory = estimator.begin()
     for slot in range(8):
         views = {c: recording.view(slot, c) for c in range(len(recording.rig))}
@@ -163,13 +154,8 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
 
 
 def test_nobody_known_is_steered_to_nobody() -> None:
-    recording = scene(*CASES[1])
-    settings = EstimatorSettings(
-        recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), noise=SIMULATED
-    )
-    estimator = estimator_maker("memory")(settings)
-    memory, people = estimator.estimate(estimator.begin(), {}, 0.0, lambda: 0.0)
-    assert people.history.joints_m.shape[1] == 0
+    estimator = estimator_of("memory", scene(*CASES[1]))
+    memory, _ = estimator.estimate(estimator.begin(), {}, 0.0, lambda: 0.0)
     steered = estimator.steer(memory, Aside(0.05), INTERVAL_S)
     assert len(estimator.outlook(steered, INTERVAL_S).expected.track_ids) == 0
 
@@ -185,13 +171,10 @@ def test_the_learned_predictor_steers_the_filter_under_every_policy(policy: str)
     assert isinstance(own, AttentionLstm) == (policy == "e3pose")
 
 
-def test_a_predictor_that_is_named_steers_and_no_other() -> None:
+def test_a_predictor_that_is_named_steers_and_no_other_and_the_published_pipeline_never() -> None:
     for name in ("attention-lstm", "constant-velocity"):
         pipeline = made(predictor=name)
         assert pipeline.steering is pipeline.predictor
-
-
-def test_the_published_pipeline_is_not_steered() -> None:
     assert made(pipeline="paper").steering is None
     assert made(pipeline="paper", predictor="attention-lstm").steering is None
 

@@ -16,14 +16,7 @@ from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float) -> Belief:
-    """Return the belief after keypoints were compared with the correction before them.
-
-    Args:
-        belief: before the update.
-        seen: the views, without biases.
-        cameras: `(num_views,)` of the views.
-        dt: seconds since the slot before.
-    """
+    """Return the belief after keypoints were compared with the correction before them."""
     agility = belief.agility * np.exp(-dt / LASTS_S)
     if len(belief) and len(cameras):
         newest_s = belief.last_seen_s.min(axis=1)

@@ -35,19 +35,6 @@ def associate(
     left, so that a false start cannot take a person's detections. The gate grows with the track's
     uncertainty, but of two tracks within it the one that is known better is preferred, as in a
     likelihood: who could be anywhere takes nobody's detection.
-
-    Args:
-        belief: predicted to the time of the view.
-        keypoints_px: `(num_persons, num_joints, 2)` undistorted pixels, NaN where missing.
-        scores: `(num_persons, num_joints)`, 0 where missing.
-        camera: index of the camera.
-        model: the rig and the noise.
-        knots_px: `(num_knots,)` sigma of the camera at the scores of the noise, as learned.
-
-    Returns:
-        `(num_tracks,)` the row of each track's detection, -1 for none; `(num_tracks,)` how well it
-        fits, 1 within the usual error of a well-known track, falling to 0 at the gate, 0 for none;
-        and `(num_tracks,)` which limbs it has exchanged, as in `exchanged_limbs`.
     """
     rows = np.full(len(belief), -1, dtype=np.int64)
     fits = np.zeros(len(belief))
@@ -86,10 +73,6 @@ def costs(
     """Return how far tracks and detections are apart, and how vague that is.
 
     Keypoints and scores are `(num_tracks, num_persons, num_joints, ...)`, as each track takes them.
-
-    Returns:
-        `(num_tracks, num_persons)` mean distance in standard deviations, inf if unknown; and the
-        mean logarithm of how much wider these are than those of a track that is known exactly.
     """
     pixels, depth, jacobian = project(
         belief.state[..., :3], model.rig.projections[camera : camera + 1]

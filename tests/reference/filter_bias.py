@@ -26,18 +26,7 @@ def learn(
     since_s: Floats,
     terms: MemoryTerms,
 ) -> Floats:
-    """Return the biases of one view after it was seen.
-
-    Args:
-        bias_px: `(num_tracks, num_joints, 2)` taken off the keypoints of this slot.
-        error_px: `(num_tracks, num_joints, 2)` what they were still off after the update; 0 where
-            there was no keypoint.
-        sigma_px: `(num_tracks, num_joints)` expected error of the keypoints.
-        projected_variance_px2: `(num_tracks, num_joints)` variance of the projected joints after
-            the update; the less sure a joint, the less is the view to blame.
-        since_s: `(num_tracks,)` seconds since the view saw the person before; inf if never.
-        terms: how long errors last.
-    """
+    """Return the biases of one view after it was seen."""
     off = np.linalg.norm(error_px, axis=-1) / sigma_px
     blame = (
         sigma_px**2

@@ -34,18 +34,7 @@ from e3pose.model.proportions import LEAST_M, MOST_M
 def give_birth(
     belief: Belief, fresh: Leftovers, cameras: Integers, dt: float, model: Model
 ) -> Belief:
-    """Start people from pairs of leftovers, best pair first, and keep the rest waiting.
-
-    Args:
-        belief: after the update of its slot.
-        fresh: detections of this slot that no track explains.
-        cameras: `(num_views,)` of the views of this slot.
-        dt: seconds since the slot before.
-        model: the rig.
-
-    Returns:
-        The belief with new, unconfirmed tracks and the leftovers that still wait.
-    """
+    """Start people from pairs of leftovers, best pair first, and keep the rest waiting."""
     sure = (fresh.scores > SURE_SCORE).sum(axis=1) >= MIN_JOINTS
     fresh = fresh.take(sure)
     fresh = fresh.take(_spread(fresh))

@@ -18,15 +18,7 @@ from e3pose.estimate.filter.blindness import (
 def learn(
     detection_map: Floats, places_m: Floats, views: Floats, shown: Floats, corner: Floats
 ) -> Floats:
-    """Return the counts after people were proved to be at places.
-
-    Args:
-        detection_map: as for `chance`; not changed.
-        places_m: `(num_people, 2)` on the floor.
-        views: `(num_people, num_cameras)` to add.
-        shown: `(num_people, num_cameras)` likewise.
-        corner: `corner_m` of the rig.
-    """
+    """Return the counts after people were proved to be at places."""
     people, cameras = np.nonzero(views)
     if len(people) == 0:
         return detection_map
@@ -41,15 +33,7 @@ def learn(
 
 
 def chance(detection_map: Floats, cameras: Integers, places_m: Floats, corner: Floats) -> Floats:
-    """Return `(num_views, num_places)` in (0, 1): how likely a view shows a person who is present.
-
-    Args:
-        detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` views, and those which showed
-            somebody.
-        cameras: `(num_views,)`.
-        places_m: `(num_places, 2)` on the floor.
-        corner: `corner_m` of the rig.
-    """
+    """Return `(num_views, num_places)` in (0, 1): how likely a view shows who is there."""
     cells, weights = around(places_m - corner)
     near = detection_map[cameras[:, None, None], cells[..., 0], cells[..., 1]]
     views, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)

@@ -25,15 +25,7 @@ from e3pose.model.projection import MIN_DEPTH_M, project
 
 
 def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: Model) -> Belief:
-    """Return the belief after the views of a slot were compared with the predicted people.
-
-    Args:
-        belief: before the update.
-        seen: the views, without biases.
-        cameras: `(num_views,)` of the views.
-        dt: seconds since the slot before.
-        model: the noise.
-    """
+    """Return the belief after the views of a slot were compared with the predicted people."""
     sums_m = belief.innovations * np.exp(-dt / MEMORY_S)
     if len(belief) == 0 or len(cameras) == 0:
         return replace(belief, innovations=sums_m)

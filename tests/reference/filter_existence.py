@@ -43,17 +43,6 @@ def count_views(
 
     A camera that sent no view says nothing, nor does one that looks elsewhere, and one that seldom
     shows people at this place says little.
-
-    Args:
-        belief: after the update.
-        predicted: before it.
-        cameras: `(num_views,)` cameras whose views arrived.
-        fits: `(num_views, num_tracks)` how well the detection fits, 0 for none. A track at the
-            wrong place lives on detections that fit badly.
-        hits: `(num_views, num_tracks)` whether there was one.
-        shares: `(num_views, num_tracks)` its information, as a share of a perfect view's.
-        dt: seconds since the slot before.
-        model: the rig.
     """
     expected = _inside(predicted, cameras, model)
     share = min(1.0, dt / FASTEST_S)
@@ -113,12 +102,7 @@ def end(belief: Belief, model: Model) -> Belief:
 
 
 def wide(joints_m: Floats, model: Model) -> Flags:
-    """Return `(*batch)`: whose shoulders and hips are wider than anybody's.
-
-    Args:
-        joints_m: `(*batch, num_joints, 3)`; NaN where not known, of which nothing is said.
-        model: the skeleton.
-    """
+    """Return `(*batch)`: whose shoulders and hips are wider than anybody's."""
     across = joints_m[..., model.girdles[:, 0], :] - joints_m[..., model.girdles[:, 1], :]
     return np.asarray(np.linalg.norm(across, axis=-1).sum(axis=-1) > MOST_WIDE_M)
 

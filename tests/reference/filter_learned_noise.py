@@ -53,25 +53,12 @@ def knots_px(model: Model, noise: Floats) -> Floats:
 
 
 def own_share(since_s: Floats, terms: bias.MemoryTerms) -> Floats:
-    """Return what is left of a keypoint's variance once its learned bias is taken off.
-
-    Args:
-        since_s: seconds since the view saw the person before; inf if never.
-        terms: how long errors last.
-    """
+    """Return what is left of a keypoint's variance once its learned bias is taken off."""
     return np.asarray(1 - terms.removed * np.exp(-2 * since_s / terms.lasting_s))
 
 
 def learn(belief: Belief, seen: Sightings, cameras: Integers, dt: float, model: Model) -> Belief:
-    """Return the belief after the views of a slot were compared with the updated people.
-
-    Args:
-        belief: after the update, before biases are learned and views are counted.
-        seen: the views, with sigmas that the factors of `belief` are part of.
-        cameras: `(num_views,)` of the views.
-        dt: seconds since the slot before.
-        model: the noise.
-    """
+    """Return the belief after the views of a slot were compared with the updated people."""
     if len(belief) == 0 or len(cameras) == 0:
         return belief
     since_s = belief.last_seen_s + dt

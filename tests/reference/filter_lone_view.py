@@ -21,16 +21,7 @@ def discount(
     dt: float,
     model: Model,
 ) -> Belief:
-    """Return the updated belief with the distance that one view implies counted as what repeats.
-
-    Args:
-        before: the update.
-        after: the update.
-        cameras: `(num_views,)`.
-        assigned: `(num_views, num_tracks)` whether a view shows a track.
-        dt: seconds since the slot before.
-        model: of both.
-    """
+    """Return the updated belief with the distance that one view implies counted as what repeats."""
     state, covariance, shared = after.state.copy(), after.covariance.copy(), after.shared.copy()
     root, sizes = model.tree.order[0], size_variances(before, model)
     for track in np.flatnonzero(assigned.sum(axis=0) == 1):

@@ -18,13 +18,6 @@ def spread(
 
         L = R_j (G_j - 1) Z_p,    P_j' = R_j (P_j - C_j - C_j' + P_p) R_j' + L + L' + P_p' + W_j,
         C_j' = L + P_p',    Z_j = (P_j - C_j) R_j' + G_j Z_p
-
-    Args:
-        tree: of the skeleton.
-        covariance: `(num_tracks, num_joints, 6, 6)` of each joint.
-        shared: `(num_tracks, num_joints, 6, 6)` of each joint with its parent; 0 at the root.
-        drift_share: `(num_tracks, num_joints)` of the noise W that counts.
-        dt: seconds, 0 or more.
     """
     after, with_parent = np.empty_like(covariance), np.zeros_like(shared)
     across = np.empty_like(covariance)  # Z
@@ -60,24 +53,3 @@ def _transitions(tree: Tree, level: Integers, dt: float) -> tuple[Floats, Floats
     noise = np.array([[pp, pv], [pv, vv]]) * (ACCELERATION_LASTS_S * tree.drift_m2ps4[level])
     R, W = (np.kron(np.moveaxis(each, -1, 0), np.eye(3)) for each in (step, noise))
     return R, W
-
-
-def places(tree: Tree, state: Floats, dt: float) -> Floats:
-    """Return the state `dt` seconds later.
-
-    Args:
-        tree: of the skeleton.
-        state: `(num_tracks, num_joints, 6)` metres, metres per second.
-        dt: seconds, 0 or more.
-    """
-    moved = np.empty_like(state)
-    fade = np.exp(-dt / tree.lasts_s)[:, None]
-    reach = tree.lasts_s[:, None] * (1 - fade)
-    beside = state.copy()
-    below = np.flatnonzero(tree.parents >= 0)
-    beside[:, below] -= state[:, tree.parents[below]]
-    moved[..., :3] = beside[..., :3] + reach * beside[..., 3:]
-    moved[..., 3:] = fade * beside[..., 3:]
-    for level in tree.levels[1:]:
-        moved[:, level] += moved[:, tree.parents[level]]
-    return moved

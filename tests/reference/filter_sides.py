@@ -84,16 +84,7 @@ def turn_round(
     dt: float,
     model: Model,
 ) -> tuple[Belief, Integers]:
-    """Return the belief with the sides of contradicted tracks exchanged, and what is left.
-
-    Args:
-        belief: predicted.
-        exchanged: `(num_views, num_tracks)` of each track's detection.
-        hits: `(num_views, num_tracks)` whether there is one.
-        cameras: `(num_views,)`.
-        dt: seconds since the slot before.
-        model: the skeleton.
-    """
+    """Return the belief with the sides of contradicted tracks exchanged, and what is left."""
     opposites, limbs = model.sides
     mirrored, exchanged = belief.mirrored.copy(), exchanged.copy()
     state, bias_px = belief.state.copy(), belief.bias_px.copy()

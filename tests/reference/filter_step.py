@@ -1,4 +1,7 @@
-"""One slot of the estimator: predict, associate, update, who exists, who is new."""
+"""One slot of the estimator: predict, associate, update, who exists, who is new.
+
+Shapes and units of arguments, here and in the other files, stand with the kernels of their names.
+"""
 
 from __future__ import annotations
 
@@ -40,20 +43,7 @@ from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE, Poses2D
 def step(
     model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
 ) -> tuple[Belief, People]:
-    """Advance to `time_s` with the views that arrived: none, one, all, others than before.
-
-    Args:
-        model: the rig, the skeleton, the noise.
-        belief: of the slot before; it is not changed.
-        views: camera index to what it saw, in pixels of the real image.
-        time_s: when; a view that came late counts as seen now, time never runs backwards.
-
-    Returns:
-        The belief now, and the people who are believed to exist.
-
-    Raises:
-        InputError: for a camera that the rig does not have, or a time that is not a number.
-    """
+    """Advance to `time_s` with the views that arrived: none, one, all, others than before."""
     check_slot(model, views, time_s)
     first = np.isnan(belief.time_s)
     now = time_s if first else max(time_s, belief.time_s)

@@ -55,17 +55,6 @@ def solve(
     summed over joints, where the middle is what keypoints say and the last what bones say. From the
     leaves to the root each joint is eliminated, which leaves a J and an h with its parent; on the
     way back each takes its place, given its parent's.
-
-    Args:
-        tree: of the skeleton.
-        prior: G and S.
-        information: `(num_tracks, num_joints, 6, 6)` J, may be singular.
-        pull: `(num_tracks, num_joints, 6)` h.
-        links: u, c and w.
-
-    Returns:
-        d `(num_tracks, num_joints, 6)`, its covariance and that with the parent,
-        `(num_tracks, num_joints, 6, 6)` each.
     """
     J, h, given = information.copy(), pull.copy(), np.zeros_like(prior.gains)
     own = np.zeros_like(prior.covariance)  # M, of a joint given its parent, after the slot

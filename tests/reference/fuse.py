@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from tests.reference.match import match, match_epipolar, match_tanke_gall
+from tests.reference.match import match
 from tests.reference.triangulate import refine, reprojection_error, triangulate
 
 from e3pose.base.arrays import Floats, Integers
@@ -16,7 +16,7 @@ from e3pose.model.pose import MAX_PIXEL, MISSING_SCORE
 
 
 class ReferenceFuser(Fuser):
-    """A `Fuser` without a kernel."""
+    """A `Fuser` without a kernel that matches by rays."""
 
     def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings | None = None) -> None:
         super().__init__(rig, num_joints, settings)
@@ -41,21 +41,14 @@ class ReferenceFuser(Fuser):
         keypoints = np.where(seen[..., None], keypoints, np.nan)
         scores = np.where(seen, np.minimum(scores, 1.0), 0.0)
         settings = self.settings
-        epipolar = settings.matcher != "rays"
-        if epipolar:
-            by_lines = match_epipolar if settings.matcher == "epipolar" else match_tanke_gall
-            groups = by_lines(
-                keypoints, scores, cameras, self.rig.projections, settings.epipolar_px
-            )
-        else:
-            groups = match(
-                self._rays(keypoints, cameras),
-                self.rig.centers_m[cameras],
-                scores,
-                cameras,
-                settings.max_distance_m,
-                settings.cap_m,
-            )
+        groups = match(
+            self._rays(keypoints, cameras),
+            self.rig.centers_m[cameras],
+            scores,
+            cameras,
+            settings.max_distance_m,
+            settings.cap_m,
+        )
         fused: list[Fused] = []
         for group in groups:
             if len(group) < MIN_VIEWS:
@@ -68,9 +61,7 @@ class ReferenceFuser(Fuser):
             enough = min(settings.min_joints, self.num_joints)
             if np.isfinite(joints[:, 0]).sum() < enough:
                 continue
-            if not epipolar and any(
-                _mean_distance(joints, other[0]) < settings.duplicate_m for other in fused
-            ):
+            if any(_mean_distance(joints, other[0]) < settings.duplicate_m for other in fused):
                 continue
             members = np.full(len(self.rig), -1, np.int64)
             members[cameras[poses]] = rows[poses]

@@ -21,15 +21,6 @@ def triangulate(keypoints_px: Floats, scores: Floats, projections: Floats) -> Fl
 
     The paper's eq. (1) to (3): each row of A is divided by its norm and multiplied by the score.
     The norm depends on the scale of the projections and on the world's origin, as in the paper.
-
-    Args:
-        keypoints_px: `(num_views, *batch, 2)` undistorted pixels; NaN where not seen.
-        scores: `(num_views, *batch)` in [0, 1]; 0 where not seen.
-        projections: `(num_views, 3, 4)` pixel-from-world matrices.
-
-    Returns:
-        `(*batch, 3)` world positions in metres; NaN where fewer than two views see the point, or
-        the point lies behind a camera that saw it.
     """
     if len(projections) < MIN_VIEWS:
         return np.full((*scores.shape[1:], 3), np.nan)
@@ -74,18 +65,6 @@ def refine(
     divided by the noise that its score promises, give the most likely point instead. Rejecting
     outliers reweights each view by 1 / (1 + r^2), r being its error in units of
     `OUTLIER_SIGMAS` standard deviations, at every step, so that a wrong view loses its say.
-
-    Args:
-        points_m: `(*batch, 3)` first estimates; NaN stays NaN.
-        keypoints_px: `(num_views, *batch, 2)` undistorted pixels; NaN where not seen.
-        scores: `(num_views, *batch)` in [0, 1]; 0 where not seen.
-        projections: `(num_views, 3, 4)` pixel-from-world matrices.
-        steps: number of Gauss-Newton steps.
-        reject_outliers: whether views that disagree lose weight.
-
-    Returns:
-        `(*batch, 3)` points, never worse than the first by the same measure, and
-        `(num_views, *batch)` how far each view was believed, in [0, 1], 0 where not seen.
     """
     seen = scores > 0
     precision = np.where(seen, 1.0 / noise_px(scores), 0.0)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from functools import cache
 
 import numpy as np
-from tests.reference.belief_arrays import belief_to_arrays
+from numpy.typing import NDArray
 from tests.reference.filter_step import step
 
 from e3pose.estimate.filter import Belief, Model
@@ -23,6 +24,20 @@ ARRAYS = ("track_ids", "joints_m", "scores", "measured", "full_covariance_m2")  
 
 Slot = tuple[Mapping[int, Poses2D], float]
 Slots = list[Slot]
+
+
+def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
+    """Return all that a belief holds by name."""
+    waiting = belief.leftovers
+    return {
+        "time_s": np.array(belief.time_s),
+        "next_id": np.array(belief.next_id),
+        "failed_pairs": belief.failed_pairs,
+        "detection_map": belief.detection_map,
+        "noise": belief.noise,
+        **belief.columns(),
+        **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
+    }
 
 
 def assert_agree(first: Belief, second: Belief) -> None:

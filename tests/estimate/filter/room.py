@@ -18,10 +18,8 @@ from e3pose.model.skeleton import COCO17
 
 SIMULATED = load_noise("simulated")
 
-
 Views = Mapping[int, Poses2D]
 step = StepKernel()
-
 
 NUM_CAMERAS = 5
 
@@ -47,9 +45,7 @@ def ring(distortion: tuple[float, ...] = ()) -> Rig:
 
 RIG = ring()
 
-
 MODEL = Model(RIG, COCO17, SIMULATED)
-
 
 ALL = tuple(range(NUM_CAMERAS))
 

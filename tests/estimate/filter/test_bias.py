@@ -8,7 +8,6 @@ from tests.estimate.filter.room import MODEL, NUM_CAMERAS
 from tests.reference import filter_bias
 
 from e3pose.base.arrays import Floats
-from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.lasting import MEMORY_S, MOST, SPAN, USUAL, Lasting, grown_m2
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
@@ -27,7 +26,7 @@ from e3pose.model.noise import ErrorMemory
 from e3pose.model.projection import project
 from e3pose.model.uncertainty import axis_sigma_m
 
-TERMS = bias.memory_terms(ErrorMemory())
+TERMS = memory_terms(ErrorMemory())
 
 
 def test_lasting_error_is_learned_and_fades() -> None:
@@ -39,13 +38,8 @@ def test_lasting_error_is_learned_and_fades() -> None:
         learned = filter_bias.learn(learned, true - learned, sigma, sure, since, TERMS)
     assert 0.6 < (learned / true).mean() < 1.0  # the fading holds it back
     assert np.allclose(filter_bias.fade(learned, TERMS.lasting_s, TERMS), learned * np.exp(-1))
-
-
-def test_first_look_teaches_no_more_than_what_lasts() -> None:
-    error = np.full((1, 17, 2), 4.0)
-    sigma, sure, never = np.full((1, 17), 8.0), np.zeros((1, 17)), np.array([np.inf])
-    learned = filter_bias.learn(np.zeros((1, 17, 2)), error, sigma, sure, never, TERMS)
-    np.testing.assert_allclose(learned, TERMS.most * error)
+    first = filter_bias.learn(0 * true, true, sigma, sure, np.array([np.inf]), TERMS)
+    np.testing.assert_allclose(first, TERMS.most * true)  # no more than what lasts
 
 
 def test_doubtful_people_and_wild_keypoints_teach_little() -> None:
@@ -81,27 +75,18 @@ def test_inflation_is_that_of_a_noise_with_memory() -> None:
     assert inflated == pytest.approx(variance, rel=0.01)
 
 
-def test_default_memory_gives_the_tuned_constants() -> None:
-    assert bias.memory_terms(ErrorMemory()) == bias.MemoryTerms(
-        2.5, 0.45, 0.4, 0.45, 0.18, 0.1, 0.045
-    )
-
-
-def test_looks_far_apart_count_fully_where_nothing_lasts() -> None:
+def test_looks_count_fully_far_apart_where_nothing_lasts_and_at_once_where_all_is_new() -> None:
     for quick in (0.0, 0.5, 1.0):
-        terms = bias.memory_terms(ErrorMemory(lasting_share=0.0, quick_share=quick))
+        terms = memory_terms(ErrorMemory(lasting_share=0.0, quick_share=quick))
         assert filter_bias.inflation(np.array(np.inf), terms) == pytest.approx(1.0)
-
-
-def test_new_errors_in_every_slot_are_all_worth_the_same() -> None:
-    terms = bias.memory_terms(ErrorMemory(lasting_share=0.0, quick_share=0.0))
+    terms = memory_terms(ErrorMemory(lasting_share=0.0, quick_share=0.0))
     np.testing.assert_allclose(filter_bias.inflation(np.array([0.0, 0.04, 10.0]), terms), 1.0)
     assert terms.most == 0.0 and terms.removed == 0.0  # and no bias is learned
 
 
 def test_no_more_than_was_tuned_becomes_a_bias() -> None:
-    usual = bias.memory_terms(ErrorMemory(lasting_share=0.45, quick_share=0.1))
-    assert bias.memory_terms(ErrorMemory(lasting_share=0.9, quick_share=0.1)) == usual
+    usual = memory_terms(ErrorMemory(lasting_share=0.45, quick_share=0.1))
+    assert memory_terms(ErrorMemory(lasting_share=0.9, quick_share=0.1)) == usual
 
 
 def after(share: float, seconds: float = 30.0) -> Lasting:
@@ -125,14 +110,13 @@ def test_slots_without_people_and_after_a_pause_say_nothing() -> None:
     assert Lasting().after(9.0, np.nan).excess == pytest.approx(0.0)
 
 
-REPEATED = memory_terms(ErrorMemory())
 JOINT = np.array([0.2, -0.3, 1.1, 0.0, 0.0, 0.0])
 SIGMA_PX = np.linspace(2.0, 5.0, NUM_CAMERAS)
 
 
 def weights(last_seen_s: Floats, delivered: float = 1.0) -> Floats:
     found = np.empty(NUM_CAMERAS)
-    weigh_views(last_seen_s, np.full(NUM_CAMERAS, delivered), SIGMA_PX, REPEATED, found)
+    weigh_views(last_seen_s, np.full(NUM_CAMERAS, delivered), SIGMA_PX, TERMS, found)
     return found
 
 
@@ -146,7 +130,7 @@ def test_it_is_the_inverse_of_what_the_views_tell() -> None:
     last_seen_s = np.linspace(0.0, 2.0, NUM_CAMERAS)
     _, depth, jacobian = project(JOINT[:3], MODEL.rig.projections)
     assert (depth > 0).all()
-    variance = STAYS * REPEATED.most * SIGMA_PX**2 * np.exp(2 * last_seen_s / REPEATED.lasting_s)
+    variance = STAYS * TERMS.most * SIGMA_PX**2 * np.exp(2 * last_seen_s / TERMS.lasting_s)
     information = np.einsum("c,cka,ckb->ab", 1 / variance, jacobian, jacobian)
     expected = np.linalg.inv(information + np.eye(3) / MOST_M**2)
     np.testing.assert_allclose(added(last_seen_s), expected, rtol=1e-9)
@@ -159,13 +143,10 @@ def test_more_views_leave_less_and_old_ones_count_for_less() -> None:
     assert np.trace(added(new)) < np.trace(added(one)) < 3 * MOST_M**2
 
 
-def test_nobody_who_looked_leaves_the_most() -> None:
+def test_nobody_who_looked_leaves_the_most_and_errors_that_do_not_last_nothing() -> None:
     assert weights(np.full(NUM_CAMERAS, np.inf)).max() == 0.0
     assert weights(np.zeros(NUM_CAMERAS), 0.9 * LEAST_WEIGHT).max() == 0.0
     np.testing.assert_allclose(added(np.full(NUM_CAMERAS, np.inf)), MOST_M**2 * np.eye(3))
-
-
-def test_a_detector_whose_errors_do_not_last_leaves_nothing() -> None:
     terms, found = memory_terms(ErrorMemory(lasting_share=0.0)), np.empty(NUM_CAMERAS)
     weigh_views(np.zeros(NUM_CAMERAS), np.ones(NUM_CAMERAS), SIGMA_PX, terms, found)
     covariance_m2 = np.empty((3, 3))
@@ -178,12 +159,12 @@ def test_biases_that_are_learned_leave_more() -> None:
     biases_px = np.zeros((NUM_CAMERAS, 2))
     biases_px[1] = 3.0, 4.0
     seen_s = np.zeros(NUM_CAMERAS)
-    weigh_biases(biases_px, seen_s, SIGMA_PX, REPEATED, plain, lasting, share)
-    stays = STAYS * REPEATED.most * SIGMA_PX[1] ** 2
+    weigh_biases(biases_px, seen_s, SIGMA_PX, TERMS, plain, lasting, share)
+    stays = STAYS * TERMS.most * SIGMA_PX[1] ** 2
     assert lasting[1] == pytest.approx(1 / (stays + COMMON * 12.5))
     np.testing.assert_allclose(np.delete(lasting, 1), np.delete(plain, 1))
     assert share.tolist() == pytest.approx([12.5 / SIGMA_PX[1] ** 2, NUM_CAMERAS])
-    weigh_biases(biases_px, seen_s + 1.0, SIGMA_PX, REPEATED, plain, lasting, share)
+    weigh_biases(biases_px, seen_s + 1.0, SIGMA_PX, TERMS, plain, lasting, share)
     assert share[1] == NUM_CAMERAS  # looks of a second ago say nothing of now
 
 

@@ -31,7 +31,6 @@ from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
 
-
 SCENE = SceneSettings("crossing", people=1, seconds=8, cameras=3)
 MODEL = Model(simulate(replace(SCENE, people=0, seconds=0.1), seed=5).rig, COCO17, SIMULATED)
 TALL, SHORT = 1.12, 0.92  # times the same proportions

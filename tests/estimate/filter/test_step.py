@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import threading
 import time
@@ -20,13 +19,13 @@ from tests.estimate.filter.agreement import (
     Slot,
     Slots,
     assert_agree,
+    belief_to_arrays,
     follow,
     model,
     ring,
     scene,
     seen,
 )
-from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 from tests.reference.filter_step import step
 
 from e3pose.base.errors import InputError
@@ -35,7 +34,7 @@ from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.scratch import MAX_LEFTOVERS
 from e3pose.estimate.filter.state import MAX_TRACKS
 from e3pose.estimate.filter.step import StepKernel, step_slot
-from e3pose.model.camera import Camera, Rig
+from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import Recording
@@ -156,17 +155,6 @@ def test_equals_the_reference_on_a_real_recording(cameras: int) -> None:
     assert people > 2 * len(slots)
 
 
-def test_backends_may_take_turns() -> None:
-    slots = seen(ring(), 2)
-    plain = turns = Belief.empty(model())
-    for slot, (views, time_s) in enumerate(slots):
-        plain, _ = step(model(), plain, views, time_s)
-        advance = step if slot // 7 % 2 else KERNEL
-        turns, _ = advance(model(), turns, views, time_s)
-    assert_agree(turns, plain)
-    assert len(turns) >= 3
-
-
 def test_noise_of_a_detector_is_that_of_the_model() -> None:
     sharp = replace(model(), noise=replace(model().noise, sigma_px=model().noise.sigma_px / 3))
     people, _ = follow(sharp, seen(ring(), 2)[:50])
@@ -185,13 +173,6 @@ def test_equals_the_reference_with_other_skeletons(kind: str) -> None:
     ]
     people, _ = follow(Model(ring().rig, skeleton, SIMULATED), slots)
     assert people > 50
-
-
-def test_single_camera_rig_never_starts_anybody() -> None:
-    camera: Camera = ring().rig.cameras[0]
-    model = Model(Rig((camera,)), ring().skeleton, SIMULATED)
-    slots = [({c: v for c, v in views.items() if c == 0}, t) for views, t in seen(ring(), 5)]
-    assert follow(model, slots[:30]) == (0, 1)  # the next number is 1
 
 
 @each_case(
@@ -259,21 +240,6 @@ def test_more_tracks_than_anybody_starts_are_still_stepped() -> None:
     found, _ = KERNEL(model(), many, views, 0.04)
     assert_agree(found, expected)
     assert len(found) > MAX_TRACKS
-
-
-def test_saved_and_restored_goes_on_exactly() -> None:
-    slots = seen(ring(), 2)
-    straight = resumed = Belief.empty(model())
-    for views, time_s in slots:
-        straight, _ = KERNEL(model(), straight, views, time_s)
-        file = io.BytesIO()
-        np.savez(file, **belief_to_arrays(resumed))  # type: ignore[arg-type]
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as arrays:
-            restored = belief_from_arrays(arrays, model())
-        resumed, _ = StepKernel()(model(), restored, views, time_s)
-    for name, array in belief_to_arrays(straight).items():
-        np.testing.assert_array_equal(belief_to_arrays(resumed)[name], array)
 
 
 def test_results_are_not_overwritten_and_arguments_not_changed() -> None:

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.cases import each_case
-from tests.reference.fuse import ReferenceFuser
 from tests.rigs import on_circle, towards
 
 from bench_fuse import load_workload, quality, run
@@ -21,9 +20,6 @@ from e3pose.base.errors import InputError
 from e3pose.estimate.per_slot.fuse import MAX_POSES, Fuser, Fusion, FusionSettings
 from e3pose.model.camera import Rig
 from e3pose.model.pose import Poses2D
-
-Make = type[Fuser]
-FUSERS: tuple[Make, ...] = (Fuser, ReferenceFuser)
 
 NUM_JOINTS = 17
 BODY = np.random.default_rng(7).uniform((-0.25, -0.25, 0.1), (0.25, 0.25, 1.7), (NUM_JOINTS, 3))
@@ -56,7 +52,6 @@ def errors_m(fusion: Fusion, joints_m: Floats) -> Floats:
     return np.asarray(distance.mean(axis=-1).min(axis=0))
 
 
-@each_case("make", FUSERS)
 @each_case(
     ("distortion", "fisheye"),
     [
@@ -67,10 +62,10 @@ def errors_m(fusion: Fusion, joints_m: Floats) -> Floats:
     ],
 )
 def test_people_seen_without_noise_are_found_where_they_are(
-    make: Make, distortion: tuple[float, ...], fisheye: bool
+    distortion: tuple[float, ...], fisheye: bool
 ) -> None:
     rig, truth = ring(4, distortion, fisheye), people(3)
-    fusion = make(rig, NUM_JOINTS).fuse(views_of(rig, truth))
+    fusion = Fuser(rig, NUM_JOINTS).fuse(views_of(rig, truth))
     assert len(fusion.people) == 3
     assert errors_m(fusion, truth).max() < 1e-6
     assert np.allclose(fusion.people.scores, 0.8)
@@ -79,53 +74,36 @@ def test_people_seen_without_noise_are_found_where_they_are(
     assert (fusion.members == fusion.members[:, :1]).all()
 
 
-@each_case("make", FUSERS)
-@each_case("num_views", [0, 1])
-def test_fewer_than_two_views_give_nobody(make: Make, num_views: int) -> None:
-    rig = ring(3)
-    views = views_of(rig, people(2))
-    fusion = make(rig, NUM_JOINTS).fuse({i: views[i] for i in range(num_views)})
-    assert fusion.people.joints_m.shape == (0, NUM_JOINTS, 3)
-    assert fusion.members.shape == (0, 3)
-    assert fusion.reprojection_error_px.shape == (0, NUM_JOINTS)
-
-
-@pytest.mark.parametrize("make", FUSERS)
-def test_views_of_nobody_are_normal(make: Make) -> None:
-    rig = ring(3)
-    empty = {i: Poses2D.empty(NUM_JOINTS) for i in range(3)}
-    assert len(make(rig, NUM_JOINTS).fuse(empty).people) == 0
-    views = views_of(rig, people(1)) | {1: Poses2D.empty(NUM_JOINTS)}
-    fusion = make(rig, NUM_JOINTS).fuse(views)
-    assert fusion.members.tolist() == [[0, -1, 0]]
-
-
-@pytest.mark.parametrize("make", FUSERS)
-def test_person_in_one_view_only_gives_no_3d_person(make: Make) -> None:
+def test_one_view_gives_nobody_and_views_of_nobody_change_nothing() -> None:
     rig, truth = ring(3), people(2)
-    views = views_of(rig, truth[:1])
-    views[2] = views_of(rig, truth)[2]
-    fusion = make(rig, NUM_JOINTS).fuse(views)
-    assert fusion.members.tolist() == [[0, 0, 0]]
+    views = views_of(rig, truth)
+    for some in ({}, {0: views[0]}, {i: Poses2D.empty(NUM_JOINTS) for i in range(3)}):
+        fusion = Fuser(rig, NUM_JOINTS).fuse(some)
+        assert fusion.people.joints_m.shape == (0, NUM_JOINTS, 3)
+        assert fusion.members.shape == (0, 3)
+        assert fusion.reprojection_error_px.shape == (0, NUM_JOINTS)
+    one = views_of(rig, truth[:1])
+    empty = one | {1: Poses2D.empty(NUM_JOINTS)}
+    assert Fuser(rig, NUM_JOINTS).fuse(empty).members.tolist() == [[0, -1, 0]]
+    alone = one | {2: views[2]}  # the second person is in one view only
+    assert Fuser(rig, NUM_JOINTS).fuse(alone).members.tolist() == [[0, 0, 0]]
 
 
-@pytest.mark.parametrize("make", FUSERS)
-def test_joint_seen_once_is_nan_with_score_0(make: Make) -> None:
+def test_joint_seen_once_is_nan_with_score_0() -> None:
     rig, truth = ring(3), people(1)
     views = views_of(rig, truth)
     keypoints = [views[i].keypoints_px.copy() for i in range(3)]
     keypoints[0][0, 4] = keypoints[1][0, 4] = np.nan
     keypoints[0][0, 5] = np.nan
     views = {i: Poses2D(keypoints[i], views[i].scores) for i in range(3)}
-    fusion = make(rig, NUM_JOINTS).fuse(views)
+    fusion = Fuser(rig, NUM_JOINTS).fuse(views)
     assert np.isnan(fusion.people.joints_m[0, 4]).all()
     assert fusion.people.scores[0, 4] == 0
     assert np.isnan(fusion.reprojection_error_px[0, 4])
     assert np.linalg.norm(fusion.people.joints_m[0, 5] - truth[0, 5]) < 1e-6
 
 
-@pytest.mark.parametrize("make", FUSERS)
-def test_bad_numbers_count_as_missing(make: Make) -> None:
+def test_bad_numbers_count_as_missing() -> None:
     rig, truth = ring(3), people(1)
     keypoints = rig.project(truth)
     scores = np.full((3, 1, NUM_JOINTS), 0.5)
@@ -134,17 +112,16 @@ def test_bad_numbers_count_as_missing(make: Make) -> None:
     scores[0, 0, 5] = np.nan
     scores[0, 0, 6] = -1
     scores[1, 0, 7] = 2.0
-    fusion = make(rig, NUM_JOINTS).fuse_arrays(keypoints, scores, np.ones(3, int))
+    fusion = Fuser(rig, NUM_JOINTS).fuse_arrays(keypoints, scores, np.ones(3, int))
     assert errors_m(fusion, truth).max() < 1e-6
     assert np.isclose(fusion.people.scores[0, 7], 2 / 3)
     assert fusion.people.scores.max() <= 1
 
 
-@pytest.mark.parametrize("make", FUSERS)
-def test_rows_beyond_the_count_are_ignored(make: Make) -> None:
+def test_rows_beyond_the_count_are_ignored() -> None:
     rig, truth = ring(3), people(2)
     keypoints, scores = rig.project(truth), np.ones((3, 2, NUM_JOINTS))
-    fuser = make(rig, NUM_JOINTS)
+    fuser = Fuser(rig, NUM_JOINTS)
     assert len(fuser.fuse_arrays(keypoints, scores, np.array([2, 2, 2])).people) == 2
     # The second slot must not see what the first left in memory.
     fusion = fuser.fuse_arrays(keypoints, scores, np.array([2, 1, 1]))
@@ -152,8 +129,8 @@ def test_rows_beyond_the_count_are_ignored(make: Make) -> None:
 
 
 @settings(max_examples=15)
-@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(FUSERS))
-def test_order_of_cameras_and_people_changes_nothing(seed: int, make: Make) -> None:
+@given(seed=st.integers(0, 2**32 - 1))
+def test_order_of_cameras_and_people_changes_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rig = ring(5)
     truth = people(3)
@@ -168,8 +145,8 @@ def test_order_of_cameras_and_people_changes_nothing(seed: int, make: Make) -> N
     for new, old in enumerate(cameras):
         view, row = views[int(old)], rows[new]
         mixed[new] = Poses2D(view.keypoints_px[row], view.scores[row])
-    first = make(rig, NUM_JOINTS).fuse(views)
-    second = make(rig.subset(cameras.tolist()), NUM_JOINTS).fuse(mixed)
+    first = Fuser(rig, NUM_JOINTS).fuse(views)
+    second = Fuser(rig.subset(cameras.tolist()), NUM_JOINTS).fuse(mixed)
     assert np.allclose(first.people.joints_m, second.people.joints_m, atol=1e-8, equal_nan=True)
     assert np.allclose(first.people.scores, second.people.scores)
     for new, old in enumerate(cameras):
@@ -178,8 +155,7 @@ def test_order_of_cameras_and_people_changes_nothing(seed: int, make: Make) -> N
         assert (named == first.members[:, old]).all()
 
 
-@pytest.mark.parametrize("make", FUSERS)
-def test_person_split_in_one_view_is_found_once(make: Make) -> None:
+def test_person_split_in_one_view_is_found_once() -> None:
     rig, truth = ring(4), people(1)
     views = views_of(rig, truth)
     upper, lower = np.full((2, NUM_JOINTS), 0.8)
@@ -187,20 +163,21 @@ def test_person_split_in_one_view_is_found_once(make: Make) -> None:
     for camera in (0, 1):
         keypoints = np.repeat(views[camera].keypoints_px, 2, axis=0)
         views[camera] = Poses2D(keypoints, np.stack([upper, lower]))
-    fusion = make(rig, NUM_JOINTS).fuse(views)
+    fusion = Fuser(rig, NUM_JOINTS).fuse(views)
     assert len(fusion.people) == 1
     assert errors_m(fusion, truth).max() < 1e-6
 
 
-@pytest.mark.parametrize("make", FUSERS)
-def test_view_that_lies_is_outvoted_only_when_asked(make: Make) -> None:
+def test_view_that_lies_is_outvoted_only_when_asked() -> None:
     rig, truth = ring(5), people(1)
     views = views_of(rig, truth)
     keypoints = views[3].keypoints_px.copy()
     keypoints[0, 2] += [60, 40]
     views[3] = Poses2D(keypoints, views[3].scores)
-    plain = make(rig, NUM_JOINTS).fuse(views)
-    robust = make(rig, NUM_JOINTS, FusionSettings(refine_steps=8, reject_outliers=True)).fuse(views)
+    plain = Fuser(rig, NUM_JOINTS).fuse(views)
+    robust = Fuser(rig, NUM_JOINTS, FusionSettings(refine_steps=8, reject_outliers=True)).fuse(
+        views
+    )
     error, robust_error = (
         np.linalg.norm(f.people.joints_m[0, 2] - truth[0, 2]) for f in (plain, robust)
     )
@@ -224,18 +201,13 @@ def test_view_that_lies_is_outvoted_only_when_asked(make: Make) -> None:
 def test_wrong_arrays_get_one_line(
     keypoints: tuple[int, ...], scores: tuple[int, ...], counts: list[int], named: str
 ) -> None:
-    fuser = ReferenceFuser(ring(3), 17)
+    fuser = Fuser(ring(3), 17)
     with pytest.raises(InputError, match=named) as caught:
         fuser.fuse_arrays(np.zeros(keypoints), np.zeros(scores), np.array(counts))
     assert "\n" not in str(caught.value)
-
-
-def test_wrong_views_get_one_line_naming_the_camera() -> None:
-    fuser = ReferenceFuser(ring(3), 17)
-    with pytest.raises(InputError, match="camera 3"):
-        fuser.fuse({3: Poses2D.empty(17)})
-    with pytest.raises(InputError, match="c1"):
-        fuser.fuse({1: Poses2D.empty(25)})
+    for camera, joints, message in ((3, 17, "camera 3"), (1, 25, "c1")):
+        with pytest.raises(InputError, match=message):
+            fuser.fuse({camera: Poses2D.empty(joints)})
 
 
 @each_case(
