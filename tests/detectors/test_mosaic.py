@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.cases import each_case
+from tests.detectors.test_focus import expected, person
 
 from e3pose.camera.orientation import turned
 from e3pose.detectors.drawn import Drawn, draw
@@ -50,16 +51,6 @@ class Dots(Drawn):
     def detect_part(self, image: Any, part: Part, expected: ExpectedView | None = None) -> Poses2D:
         self.shown.append((image.shape[1::-1], part, expected))
         return super().detect_part(image, part, expected)
-
-
-def person(left: float, top: float, height: float) -> Any:
-    """Return `(17, 2)` keypoints of a person a third as wide as high."""
-    along = np.linspace(0, 1, 17)
-    return np.stack([left + along * height / 3, top + along * height], axis=-1)
-
-
-def expected(*people: Any, reach: float = 10.0) -> ExpectedView:
-    return ExpectedView(np.array(people).reshape(-1, 17, 2), np.full(len(people), reach))
 
 
 def look(*people: Any, network: Any = None) -> Part | Mosaic | None:
@@ -146,19 +137,6 @@ def test_two_people_apart_are_looked_at_in_crops_at_their_best_sizes() -> None:
     assert mosaic.pixels < 0.6 * part.long_side**2 * min(part.size) / max(part.size)
 
 
-def test_network_of_one_input_size_looks_at_one_part() -> None:
-    network = Network()
-    network.free_input = False
-    assert isinstance(look(person(200, 300, 150), person(1200, 200, 600), network=network), Part)
-
-
-def test_detector_that_says_nothing_of_its_input_looks_at_one_part() -> None:
-    class Own:
-        person_px, long_side, multiple = 200.0, 512, 32
-
-    assert isinstance(look(person(200, 300, 150), person(1200, 200, 600), network=Own()), Part)
-
-
 @each_case(
     ("people", "kind"),
     [
@@ -183,13 +161,6 @@ def test_people_whose_boxes_overlap_share_a_crop() -> None:
     assert isinstance(look(person(300, 200, 400), person(380, 220, 400)), Part)
     mosaic = look(person(100, 200, 400), person(180, 220, 400), person(1500, 200, 300))
     assert isinstance(mosaic, Mosaic) and mosaic.groups == ((0, 1), (2,))
-
-
-def test_crop_at_the_border_ends_there() -> None:
-    mosaic = look(person(-40, -30, 400), person(1800, 800, 400))
-    assert isinstance(mosaic, Mosaic)
-    first, second = (tile.box for tile in mosaic.tiles)
-    assert first[:2] == (0, 0) and second[2:] == SIZE
 
 
 def test_too_many_crops_are_one_part() -> None:
@@ -217,6 +188,7 @@ def test_look_costs_no_more_than_the_whole_image_and_crops_hold_who_they_are_of(
     assert all(side % network.multiple == 0 for side in found.size)
     there = found.expected(view)
     for tile, group in zip(found.tiles, found.groups, strict=True):
+        assert min(tile.box) >= 0 and tile.box[2] <= SIZE[0] and tile.box[3] <= SIZE[1]
         points = view.keypoints_px[list(group)]
         seen = ((points >= 0) & (points <= np.array(SIZE) - 1)).all(axis=-1)
         assert tile.holds(there.keypoints_px[list(group)])[seen].all()

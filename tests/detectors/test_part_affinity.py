@@ -157,14 +157,10 @@ def test_known_people_are_found(name: str, scene: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(TOPOLOGIES))
-def test_three_parts_make_no_person(name: str) -> None:
+def test_three_parts_and_blobs_without_affinity_make_no_person(name: str) -> None:
     some = {p: STANDING[p] for p in ("left_shoulder", "left_elbow", "left_wrist")}
     heatmaps, affinity = render(name, [placed(some, 20, 20)], (46, 54))
     assert decode(heatmaps, affinity, TOPOLOGIES[name])[0].shape == (0, 18, 2)
-
-
-@pytest.mark.parametrize("name", sorted(TOPOLOGIES))
-def test_blobs_without_affinity_make_no_person(name: str) -> None:
     heatmaps, affinity = render(name, [placed(STANDING, 20, 23)], (46, 54))
     assert len(decode(heatmaps, np.zeros_like(affinity), TOPOLOGIES[name])[0]) == 0
     # A field that points the wrong way speaks against the limbs.

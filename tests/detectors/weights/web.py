@@ -11,7 +11,6 @@ from pathlib import Path
 
 CONTENT = random.Random(12).randbytes(300_000)
 
-
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
 
 
