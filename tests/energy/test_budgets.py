@@ -164,26 +164,6 @@ def test_unequal_batteries_run_out_together_instead_of_one_by_one() -> None:
     assert np.all(np.diff(together.duty) > 0), "who has more does more"
 
 
-def test_different_devices_run_out_together_too() -> None:
-    cameras = [
-        BatteryCamera(4.0, 12.5, 6.25),
-        BatteryCamera(3.6, 8.0, 4.0),
-        BatteryCamera(5.2, 15.0, 7.0),
-        BatteryCamera(3.0, 6.0, 3.0),
-    ]
-    together = deplete(cameras, 2, "together")
-    assert np.ptp(together.empty_h) < 0.03 * np.mean(together.empty_h)
-    assert np.ptp(deplete(cameras, 2, "equal").empty_h) > 5 * np.ptp(together.empty_h)
-
-
-def test_sun_on_one_camera_is_worked_for_all() -> None:
-    shade = [BatteryCamera(3.0, 12.0, 6.0) for _ in range(4)]
-    sunny = [BatteryCamera(3.0, 12.0, 6.0, lambda hours: 3.0), *shade[1:]]
-    without, with_sun = (deplete(site, 2, "together") for site in (shade, sunny))
-    assert with_sun.duty[0] > without.duty[0] + 0.2
-    assert with_sun.full_h > 1.05 * without.full_h, "the others are spared"
-
-
 LOOK_S, FRAME_S = 0.168, 0.015  # of a camera on two cores
 
 
@@ -192,31 +172,18 @@ def share(cpu_s: float, *work: float) -> float | None:
     return None if every_s is None else 1 - cpu_s / every_s
 
 
-def test_camera_that_looks_in_three_of_five_slots() -> None:
-    cpu_s = 600 * LOOK_S + 1000 * FRAME_S
-    saved = share(cpu_s, 600 * LOOK_S, 600, 1000, 1000)
+def test_a_camera_saves_the_looks_and_frames_that_it_leaves_out() -> None:
+    saved = share(600 * LOOK_S + 1000 * FRAME_S, 600 * LOOK_S, 600, 1000, 1000)
     assert saved == pytest.approx(0.4 * LOOK_S / (LOOK_S + FRAME_S))
     assert saved == pytest.approx(0.367, abs=1e-3)
-
-
-def test_camera_that_sleeps_two_fifths_of_the_time_saves_them() -> None:
-    cpu_s = 600 * (LOOK_S + FRAME_S)
-    assert share(cpu_s, 600 * LOOK_S, 600, 600, 1000, 0.4) == pytest.approx(0.4)
-
-
-def test_camera_that_slept_all_the_time_saved_nearly_all() -> None:
-    saved = share(5 * (LOOK_S + FRAME_S), 5 * LOOK_S, 5, 5, 100_000, 1.0)
-    assert saved is not None and 0.99 < saved < 1.0
-
-
-def test_camera_that_always_looks_saves_nothing() -> None:
-    saved = share(100 * (LOOK_S + FRAME_S), 100 * LOOK_S, 100, 100, 90)
-    assert saved == pytest.approx(0.0, abs=1e-9)
-
-
-@each_case(("looks", "frames"), [(0, 1000), (4, 1000), (30, 3)])
-def test_few_looks_or_frames_say_nothing(looks: int, frames: int) -> None:
-    assert share(10.0, 5.0, looks, frames, 1000) is None
+    asleep = share(600 * (LOOK_S + FRAME_S), 600 * LOOK_S, 600, 600, 1000, 0.4)
+    assert asleep == pytest.approx(0.4)
+    nearly_all = share(5 * (LOOK_S + FRAME_S), 5 * LOOK_S, 5, 5, 100_000, 1.0)
+    assert nearly_all is not None and 0.99 < nearly_all < 1.0
+    nothing = share(100 * (LOOK_S + FRAME_S), 100 * LOOK_S, 100, 100, 90)
+    assert nothing == pytest.approx(0.0, abs=1e-9)
+    for looks, frames in ((0, 1000), (4, 1000), (30, 3)):
+        assert share(10.0, 5.0, looks, frames, 1000) is None  # few say nothing
 
 
 def test_saving_is_of_all_cameras_together() -> None:

@@ -117,17 +117,11 @@ def test_a_file_of_version_1_has_no_rows(tmp_path: Path) -> None:
 COSTS = rest_costs([12.0, 12.0], [6.0, 6.0], [Rest("suspended", 0.5, 0.4, 1.0, 0.2), None])
 
 
-def test_a_camera_without_a_rest_stays_awake() -> None:
+def test_alarms_go_off_early_and_a_short_rest_saves_nothing_and_a_long_one_nearly_all() -> None:
     assert COSTS.rests.tolist() == [True, False]
     assert COSTS.drawn_w(np.zeros(2, bool), np.ones(2, bool)).tolist() == [0.5, 6.0]
-
-
-def test_alarms_go_off_two_deviations_early() -> None:
     np.testing.assert_allclose(COSTS.alarm_s, [1.4, 0.0])
     np.testing.assert_allclose(COSTS.lost_s, [1.8, 0.0])
-
-
-def test_a_short_rest_saves_nothing_and_a_long_one_nearly_all() -> None:
     for rest_s in (0.9, 1.8):
         np.testing.assert_allclose(COSTS.resting_w(np.full(2, rest_s))[0], 6.0)
     np.testing.assert_allclose(COSTS.resting_w(np.full(2, 18.0))[0], 0.1 * 6 + 0.9 * 0.5)
@@ -141,12 +135,9 @@ def test_falling_asleep_and_waking_are_not_deep() -> None:
     asleep[40:45, 0] = False  # the second rest is too short to be one
     deep = COSTS.deep(asleep, 0.1)
     assert np.flatnonzero(deep[:, 0]).tolist() == list(range(14, 26))
-
-
-def test_a_rest_that_the_end_cuts_off_has_no_waking_in_it() -> None:
-    asleep = np.zeros((30, 2), dtype=bool)
-    asleep[10:, 0] = True
-    assert np.flatnonzero(COSTS.deep(asleep, 0.1)[:, 0]).tolist() == list(range(14, 30))
+    asleep[60:, 0] = True  # of this rest the end cuts off the waking
+    deep = COSTS.deep(asleep, 0.1)
+    assert np.flatnonzero(deep[:, 0]).tolist() == [*range(14, 26), *range(64, 100)]
 
 
 BOARDS = {board.name: board for board in load_boards()}

@@ -65,16 +65,6 @@ def test_three_of_five_save_what_the_paper_says(name: str) -> None:
     assert abs(percent - (low + high) / 2) < (high - low) / 8
 
 
-def test_generic_device_lies_between_the_papers_devices() -> None:
-    idle, active = MODES[1], MODES[0]
-
-    def share(name: str) -> float:
-        profile = load_profile(name)
-        return profile.paper_watts(idle) / profile.paper_watts(active)
-
-    assert share("xavier-nx") < share("generic") < share("tx2")
-
-
 def test_devices_draw_about_half_when_they_only_capture() -> None:
     for name, least, most in (("xavier-nx", 0.4992, 0.5008), ("tx2", 0.45, 0.55)):
         profile = load_profile(name)
@@ -129,14 +119,9 @@ def test_power_of_a_known_device(tmp_path: Path) -> None:
     np.testing.assert_allclose(mean_watts(duty, [profile] * 2), [10, 7])
     np.testing.assert_allclose(mean_watts(duty, [profile] * 2, group="cpu_gpu"), [8, 5])
     assert paper_percent(0.5, profile) == pytest.approx(37.5)
+    assert paper_percent(1.0, profile) == pytest.approx(0, abs=1e-9)
     deeper = mean_watts(duty, [profile] * 2, "aggressive-power-saving")
     np.testing.assert_allclose(deeper, [10, 6.5])
-
-
-def test_always_on_saves_nothing() -> None:
-    profile = load_profile("generic")
-    assert paper_percent(1.0, profile) == pytest.approx(0, abs=1e-9)
-    np.testing.assert_allclose(mean_watts(np.ones(3), [profile] * 3), profile.watts("active"))
 
 
 @each_case("duty", [[], [1.2], [np.nan]])

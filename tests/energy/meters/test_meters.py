@@ -22,11 +22,11 @@ from e3pose.energy.meters.battery import BatteryMeter, read_charge
 from e3pose.energy.meters.choose import choose_meter
 from e3pose.energy.meters.plug import open_plug
 from e3pose.energy.meters.rails import RailMeter
-from e3pose.energy.meters.rapl import RaplMeter, counted_j
+from e3pose.energy.meters.rapl import RaplMeter
 from e3pose.energy.meters.sampler import PowerSampler, open_sampler
 
 
-def test_energy_counters_and_their_wrap(tmp_path: Path) -> None:
+def test_energy_counters_of_packages_and_their_memory(tmp_path: Path) -> None:
     now_s = [100.0]
     zones = {"0": ("package-0", 5e6), "0_0": ("core", 3e6), "0_1": ("dram", 1e6)}
     lay_out(tmp_path, rapl(**zones))
@@ -47,21 +47,6 @@ def test_energy_counters_and_their_wrap(tmp_path: Path) -> None:
     watts = {rail.name: rail.watts for rail in reading.rails}
     assert watts == pytest.approx({"package-0": 15.0, "package-0 core": 6.0, "package-0 dram": 2.0})
     assert "processor and memory only" in reading.how
-    now_s[0] += 0.5
-    wrapped = {"0": ("package-0", 2e6), "0_0": ("core", 16e6), "0_1": ("dram", 5.5e6)}
-    lay_out(tmp_path, rapl(**wrapped))
-    with pytest.raises(MeterError, match="package-0: found 2621"):
-        meter.read("active")  # a wrap that would be half a megawatt is no wrap but a reset
-    assert counted_j(262_143_000_000, 500_000, 262_143_328_850) == pytest.approx(0.82885)
-
-
-def test_counter_that_wraps_goes_on(tmp_path: Path) -> None:
-    now_s = [0.0]
-    lay_out(tmp_path, rapl(**{"0": ("package-0", 262_140_000_000)}))
-    meter = RaplMeter(tmp_path, lambda: now_s[0])
-    now_s[0] = 1.0
-    lay_out(tmp_path, rapl(**{"0": ("package-0", 6_671_150)}))
-    assert meter.read("active").energy_j == pytest.approx(10.0)
 
 
 def test_platform_counter_contains_the_others(tmp_path: Path) -> None:
@@ -76,15 +61,18 @@ def test_platform_counter_contains_the_others(tmp_path: Path) -> None:
     assert "RAPL psys (the platform)" in reading.how
 
 
-def test_counter_is_believed_up_to_ten_kilowatts(tmp_path: Path) -> None:
+def test_counter_is_believed_up_to_ten_kilowatts_and_goes_on_where_it_wraps(tmp_path: Path) -> None:
     now_s = [0.0]
-    lay_out(tmp_path, rapl(**{"0": ("package-0", 0.0)}))
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 262_140_000_000)}))
     meter = RaplMeter(tmp_path, lambda: now_s[0])
     now_s[0] += 4.0
-    lay_out(tmp_path, rapl(**{"0": ("package-0", 36e9)}))
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 6_671_150)}))
+    assert meter.read("active").energy_j == pytest.approx(10.0)
+    now_s[0] += 4.0
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 36e9 + 6_671_150)}))
     assert meter.read("active").watts == pytest.approx(9000)
     now_s[0] += 4.0
-    lay_out(tmp_path, rapl(**{"0": ("package-0", 80e9)}))
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 80e9 + 6_671_150)}))
     with pytest.raises(MeterError, match="package-0: found 44000 J in 4 s"):
         meter.read("active")
 

@@ -17,9 +17,7 @@ TX2 = iio("0-0040", VDD_SYS_GPU=152, VDD_SYS_SOC=457, VDD_4V0_WIFI=19) | iio(
     "0-0041", VDD_IN=3431, VDD_SYS_CPU=533, VDD_SYS_DDR=681
 )
 
-
 NANO = iio("6-0040", POM_5V_IN=1854, POM_5V_GPU=41, POM_5V_CPU=287)
-
 
 THOR = hwmon("2-0040", VDD_GPU=(19800, 900), VDD_CPU_SOC_MSS=(19800, 700)) | {
     "sys/bus/i2c/drivers/ina238/2-0044/hwmon/hwmon5/power1_input": 43_210_000,  # uW

@@ -84,9 +84,7 @@ def battery(**files: object) -> dict[str, object]:
 
 XAVIER_NX = hwmon("7-0040", VDD_IN=(5000, 2210), VDD_CPU_GPU_CV=(4980, 1030), VDD_SOC=(4960, 310))
 
-
 ORIN_NX = hwmon("1-0040", VDD_IN=(4912, 1480), VDD_CPU_GPU_CV=(4912, 520), VDD_SOC=(4904, 270))
-
 
 AGX_ORIN = hwmon(
     "1-0040", VDD_GPU_SOC=(19952, 160), VDD_CPU_CV=(19944, 80), VIN_SYS_5V0=(5032, 680)
