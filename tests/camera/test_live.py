@@ -120,7 +120,7 @@ def test_a_frozen_network_camera_counts_for_nothing_until_its_picture_changes(
     def views() -> int:
         return node.counts.sent
 
-    with network_camera(20.0, shown) as url:
+    with network_camera(10.0, shown) as url:
         edge = site.start_edge()
         nodes = [site.start_camera(name) for name in site.recording.rig.camera_ids[:2]]
         node = CameraNode(

@@ -22,7 +22,6 @@ from e3pose.wire.site_messages import Picture, PictureQuestion
 IMAGE = np.zeros((480, 640, 3), dtype=np.uint8)
 IMAGE[:, 320:] = (200, 40, 20)  # red on the right
 
-
 SIZE = (640, 480)
 
 
@@ -56,6 +55,9 @@ def test_last_image_is_shown_however_long_the_camera_sleeps(clock: ManualClock) 
     found = asked(pictures)
     assert (found.slot, found.image_size, found.captured_edge_ns) == (2, SIZE, 1002)
     assert found.jpeg and not found.why and not found.drawn
+    small = pictures.answer("", b"")  # a question without a message
+    assert small is not None and decode(small, Picture, "cam1").jpeg == found.jpeg
+    assert pictures.answer("", b"garbage") is None
 
 
 def test_picture_that_the_operator_has_is_neither_made_nor_sent_again(clock: ManualClock) -> None:
@@ -81,14 +83,6 @@ def test_picture_is_small_and_shows_what_the_camera_sees(clock: ManualClock) -> 
         assert image.shape == (width * 3 // 4, width, 3)
         assert image[middle, width // 4].max() < 10
         assert image[middle, width * 3 // 4] == pytest.approx([200, 40, 20], abs=9)
-
-
-def test_question_without_a_message_asks_for_a_small_picture(clock: ManualClock) -> None:
-    pictures = Pictures("cam1", clock)
-    offer(pictures, 2)
-    answer = pictures.answer("", b"")
-    assert answer is not None and decode(answer, Picture, "cam1").jpeg
-    assert pictures.answer("", b"garbage") is None
 
 
 def test_at_most_five_a_second_are_made_and_their_energy_is_counted(clock: ManualClock) -> None:

@@ -27,10 +27,6 @@ def order(slot: int, active: bool = True, session: int = 1, origin: int = ORIGIN
     return Order("cam1", slot, active, "power-saving", origin, INTERVAL, 0, session)
 
 
-def test_camera_without_orders_does_not_look() -> None:
-    assert not Schedule().is_active(0) and Schedule().next_active_ns(0) is None
-
-
 def test_order_holds_for_its_slot_alone() -> None:
     schedule = take_order(Schedule(), order(5), TIMES.middle_ns(3))
     assert [slot for slot in range(10) if schedule.is_active(slot)] == [5]
@@ -51,14 +47,12 @@ def test_newer_edge_forgets_the_orders_of_the_older() -> None:
     assert take_order(newer, order(7, session=1), TIMES.middle_ns(1)) is newer
 
 
-def test_orders_of_the_past_are_dropped() -> None:
+def test_orders_of_the_past_and_of_the_far_future_are_dropped() -> None:
     schedule = Schedule()
+    assert not schedule.is_active(0) and schedule.next_active_ns(0) is None
     for slot in range(1000):
         schedule = take_order(schedule, order(slot), TIMES.middle_ns(slot) - INTERVAL)
     assert len(schedule.active) <= KEPT_SLOTS + 3
-
-
-def test_order_for_the_far_future_is_not_kept() -> None:
     assert not take_order(Schedule(), order(10**9), ORIGIN).active
 
 
@@ -166,24 +160,21 @@ def chosen(times_s: Sequence[float], grid: SlotGrid, offset_s: float = 0.0) -> d
     return {slot: f.index for slot, _, f in frames_in_slots(frames(times_s), grid, offset_s)}
 
 
-def test_every_frame_of_a_regular_video_is_a_slot() -> None:
-    assert chosen([i / 60 for i in range(5)], SlotGrid(60)) == {i: i for i in range(5)}
-
-
-def test_nearest_of_several_frames_is_taken() -> None:
-    assert chosen([0.0, 0.04, 0.09, 0.11, 0.2], SlotGrid(10)) == {0: 0, 1: 2, 2: 4}
-
-
-def test_earlier_of_two_equally_near_frames_is_taken() -> None:
-    assert chosen([0.0, 0.075, 0.125, 0.2], SlotGrid(10)) == {0: 0, 1: 1, 2: 3}
-
-
-def test_slot_without_a_frame_within_half_a_slot_is_left_out() -> None:
-    assert chosen([0.0, 0.1, 0.3, 0.36], SlotGrid(10)) == {0: 0, 1: 1, 3: 2, 4: 3}
-
-
-def test_slow_video_leaves_every_second_slot_out() -> None:
-    assert chosen([0.0, 0.1, 0.2], SlotGrid(20)) == {0: 0, 2: 1, 4: 2}
+@each_case(
+    ("times_s", "grid", "expected"),
+    [
+        ([i / 60 for i in range(5)], SlotGrid(60), {i: i for i in range(5)}),
+        ([0.0, 0.04, 0.09, 0.11, 0.2], SlotGrid(10), {0: 0, 1: 2, 2: 4}),  # the nearest
+        ([0.0, 0.075, 0.125, 0.2], SlotGrid(10), {0: 0, 1: 1, 2: 3}),  # of equals the earlier
+        ([0.0, 0.1, 0.3, 0.36], SlotGrid(10), {0: 0, 1: 1, 3: 2, 4: 3}),  # within half a slot
+        ([0.0, 0.1, 0.2], SlotGrid(20), {0: 0, 2: 1, 4: 2}),
+        ([i / 10 for i in range(9)], SlotGrid(10, start_s=0.3, max_slots=2), {0: 3, 1: 4}),
+    ],
+)
+def test_a_slot_shows_the_frame_nearest_to_it(
+    times_s: list[float], grid: SlotGrid, expected: dict[int, int]
+) -> None:
+    assert chosen(times_s, grid) == expected
 
 
 @each_case(("offset_s", "first"), [(0.2, 2), (-0.2, 0), (0.24, 2), (0.26, 3)])
@@ -191,11 +182,6 @@ def test_offset_moves_a_video_on_the_common_clock(offset_s: float, first: int) -
     slots = chosen([i / 10 for i in range(6)], SlotGrid(10), offset_s)
     assert min(slots) == first
     assert slots[first] == (2 if offset_s < 0 else 0)
-
-
-def test_start_and_max_slots_cut_the_ends_off() -> None:
-    grid = SlotGrid(10, start_s=0.3, max_slots=2)
-    assert chosen([i / 10 for i in range(9)], grid) == {0: 3, 1: 4}
 
 
 def test_times_are_of_the_frame_not_of_the_slot() -> None:

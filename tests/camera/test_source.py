@@ -13,7 +13,7 @@ import pytest
 from tests.cases import each_case
 
 from e3pose.base.errors import InputError
-from e3pose.camera.source import Frame, Video, open_video
+from e3pose.camera.source import Video, open_video
 from hostile_videos import VIDEOS, film
 
 WIDTH, HEIGHT = 64, 48
@@ -79,11 +79,8 @@ def test_frames_come_in_order_with_their_pictures(tmp_path: Path) -> None:
     levels = [float(f.image.mean()) for f in frames]
     np.testing.assert_allclose(levels, 16 + 8.0 * np.arange(12), atol=3)
     assert video.damage == "" and video.lost_frames == 0
-
-
-def test_can_be_read_twice(tmp_path: Path) -> None:
-    video = open_video(write_video(tmp_path / "a.mp4", [picture(i) for i in range(5)]))
-    assert len(list(video)) == len(list(video)) == 5
+    assert len(list(video)) == 12  # it can be read twice
+    assert frames[0].image is not frames[0].image  # and is converted only when asked
 
 
 def test_variable_rate_keeps_the_true_times(tmp_path: Path) -> None:
@@ -107,15 +104,15 @@ def test_rotation_agrees_with_opencv(tmp_path: Path, rotation: int | None) -> No
     turned = rotation in (90, -90)
     assert video.turned == turned
     assert video.image_size == ((HEIGHT, WIDTH) if turned else (WIDTH, HEIGHT))
+    stored = open_video(path, as_stored=True)
+    assert stored.image_size == (WIDTH, HEIGHT) and not stored.turned
+    assert np.abs(next(iter(stored)).image.astype(int) - corners()).mean() < 8
 
 
 @each_case(
     ("rotation", "hflip", "order"),
     [
-        (0, False, [0, 1, 2, 3]),
         (90, False, [1, 3, 0, 2]),  # a counter-clockwise quarter turn: green goes to the left top
-        (-90, False, [2, 0, 3, 1]),
-        (180, False, [3, 2, 1, 0]),
         (0, True, [1, 0, 3, 2]),
     ],
 )
@@ -333,14 +330,6 @@ def test_track_of_the_cameras_size_is_taken_else_the_largest(tmp_path: Path) -> 
     assert next(iter(open_video(path, (32, 24)))).image.shape == (24, 32, 3)
 
 
-def test_turn_is_ignored_where_asked(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "a.mp4", [corners()] * 2, rotation=90)
-    assert open_video(path).image_size == (HEIGHT, WIDTH)
-    stored = open_video(path, as_stored=True)
-    assert stored.image_size == (WIDTH, HEIGHT) and not stored.turned
-    assert np.abs(next(iter(stored)).image.astype(int) - corners()).mean() < 8
-
-
 def test_chapters_are_one_film(tmp_path: Path) -> None:
     images = [numbered(i) for i in range(30)]
     for number in (1, 2, 3):
@@ -446,11 +435,6 @@ def test_frame_rate_that_cannot_be_is_named(tmp_path: Path, scale: int, rate: in
         InputError, match=r"rate\.avi: found .* per second, expected 0\.001 to 1000"
     ):
         open_video(path)
-
-
-def test_image_is_converted_only_when_asked(tmp_path: Path) -> None:
-    frame: Frame = next(iter(open_video(write_video(tmp_path / "a.mp4", [picture(0)] * 2))))
-    assert frame.image is not frame.image
 
 
 def test_source_without_timestamps_counts(tmp_path: Path) -> None:

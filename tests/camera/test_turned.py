@@ -75,6 +75,8 @@ def test_detector_sees_the_turned_image_and_answers_in_pixels_of_the_other(degre
     known_px = [(j % WIDTH, j // WIDTH) for j in range(17)]  # pixel centres are whole numbers
     np.testing.assert_array_equal(found.keypoints_px, [known_px])
     np.testing.assert_array_equal(found.scores, np.full((1, 17), 0.5))
+    looks = turned(Levels(), degrees)  # without feedback it stays without
+    assert not isinstance(looks, Focusing | InBoxes) and turned(looks, 0) is looks
 
 
 @each_case("degrees", ANGLES)
@@ -118,12 +120,6 @@ def test_boxes_are_turned_too(degrees: int) -> None:
     size = (5, 7) if degrees in (90, 270) else (7, 5)
     np.testing.assert_array_equal(boxes.asked[1], [0, 0, *size])
     np.testing.assert_array_equal(found.keypoints_px[0, 16], [16 % WIDTH, 16 // WIDTH])
-
-
-def test_detector_without_feedback_stays_without() -> None:
-    looks = turned(Levels(), 90)
-    assert not isinstance(looks, Focusing | InBoxes)
-    assert turned(looks, 0) is looks
 
 
 @each_case("degrees", ANGLES)

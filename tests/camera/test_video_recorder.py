@@ -118,6 +118,9 @@ def test_source_without_images_is_reported_once(tmp_path: Path) -> None:
         recorder.offer(shown, TIMES.middle_ns(slot), 7, slot, TIMES)
     recorder.close()
     assert messages == ["not recording video: the source has keypoints, no images"]
+    images = [object(), object()]
+    shared = LiveFrame(0, SIZE, images.pop).shared()
+    assert shared.image() is shared.image() and len(images) == 1
     assert videos_in(tmp_path) == []
 
 
@@ -171,9 +174,3 @@ def test_video_of_a_killed_program_lacks_its_last_second_at_most(tmp_path: Path)
         [k / 20 for k in range(len(times_s))], abs=1e-3
     )
     assert next(iter(video.frames(5.0))).time_s == pytest.approx(5.0, abs=1e-3)
-
-
-def test_a_frame_for_several_threads_is_converted_once() -> None:
-    images = [object(), object()]
-    shared = LiveFrame(0, SIZE, images.pop).shared()
-    assert shared.image() is shared.image() and len(images) == 1

@@ -53,8 +53,14 @@ def frames(made: WebcamSource, count: int) -> list[LiveFrame]:
     return [frame for frame in found if frame is not None]
 
 
-def test_the_name_decides_after_a_swap_at_boot(tmp_path: Path, webcams: Webcams) -> None:
-    plug_two(webcams, 0, 2)
+def test_the_name_decides_after_a_swap_at_boot_and_where_it_is_missing(
+    tmp_path: Path, webcams: Webcams
+) -> None:
+    webcams.plug(2, "Back", BACK.partition("/")[2], "1-2")
+    with pytest.raises(InputError, match=r"Front_A1-video-index0, expected it plugged in"):
+        source(webcams, FRONT).open()
+    assert not webcams.opened
+    webcams.plug(0, "Front", FRONT.partition("/")[2], "1-1")
     source(webcams, FRONT).open()
     again = Webcams(tmp_path / "after the boot", webcams.opened)
     plug_two(again, 2, 0)
@@ -64,11 +70,12 @@ def test_the_name_decides_after_a_swap_at_boot(tmp_path: Path, webcams: Webcams)
     assert device_of("0", again.dev).name == "video0"  # a number is a number
 
 
-def test_a_missing_webcam_is_said_and_no_other_taken(webcams: Webcams) -> None:
-    webcams.plug(0, "Back", BACK.partition("/")[2], "1-2")
-    with pytest.raises(InputError, match=r"Front_A1-video-index0, expected it plugged in"):
-        source(webcams, FRONT).open()
-    assert not webcams.opened
+def test_names_of_linux() -> None:
+    for name in ("0", "12", FRONT, "by-path/pci-0000:00:14.0-usb-0:2:1.0"):
+        check_name(name)
+    for name in ("front", "-1", "1000", "by-id/../../etc", "", "by-name/x"):
+        with pytest.raises(InputError, match="expected usb:by-id/NAME"):
+            make_source(f"usb:{name}", "cam0", WallClock())
 
 
 def test_webcams_are_listed_by_names_that_stay(webcams: Webcams) -> None:
@@ -226,22 +233,6 @@ def test_cameras_of_a_crowded_hub_are_named_before_they_are_opened(webcams: Webc
     assert who == ["c0", "c1", "c2", "c3"]
     # 4 x 3 bit x 1920 x 1080 x 30 Hz against 0.8 x 480 Mbit/s of USB 2.0
     assert "port 1-2: about 746 Mbit/s of MJPG, it carries 384: fps below 51%" in words
-
-
-@pytest.mark.parametrize(
-    ("name", "good"),
-    [
-        ("0", True), ("12", True), (FRONT, True), ("by-path/pci-0000:00:14.0-usb-0:2:1.0", True),
-        ("front", False), ("-1", False), ("1000", False), ("by-id/../../etc", False), ("", False),
-        ("by-name/x", False),
-    ],
-)  # fmt: skip
-def test_names_of_linux(name: str, good: bool) -> None:
-    if good:
-        check_name(name)
-        return
-    with pytest.raises(InputError, match="expected usb:by-id/NAME"):
-        make_source(f"usb:{name}", "cam0", WallClock())
 
 
 @pytest.mark.parametrize(
