@@ -16,19 +16,18 @@ def _recording(path: Path) -> Path:
     return path
 
 
-def test_folder_appears_whole_when_the_block_ends(tmp_path: Path) -> None:
+def test_folder_appears_whole_when_the_block_ends_and_not_at_all_where_it_fails(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(RuntimeError), atomic_folder(tmp_path / "failed") as folder:
+        (folder / "x").write_text("1")
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
     with atomic_folder(tmp_path / "a" / "b") as folder:
         (folder / "x").write_text("1")
         assert not (tmp_path / "a" / "b").exists()
     assert (tmp_path / "a" / "b" / "x").read_text() == "1"
     assert [entry.name for entry in (tmp_path / "a").iterdir()] == ["b"]
-
-
-def test_nothing_is_left_of_a_folder_that_failed(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), atomic_folder(tmp_path / "a") as folder:
-        (folder / "x").write_text("1")
-        raise RuntimeError
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_of_ours_is_replaced_only_on_request(tmp_path: Path) -> None:

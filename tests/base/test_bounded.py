@@ -19,26 +19,22 @@ def test_reads_a_file_of_just_the_limit(tmp_path: Path) -> None:
         read_bytes(tmp_path / "a", 4)
 
 
-def test_a_pipe_and_a_device_are_refused_without_waiting(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "zero").symlink_to("/dev/zero")
-    for name in ("pipe", "zero"):
-        with pytest.raises(InputError, match="pipe, socket or device"):
-            read_bytes(tmp_path / name, 10)
-
-
 @each_case(
     ("path", "message"),
-    [("absent", "not found"), ("x" * 5000, "cannot be read"), ("a\0b", "cannot be read")],
+    [
+        ("absent", "not found"),
+        ("x" * 5000, "cannot be read"),
+        ("a\0b", "cannot be read"),
+        (".", "found a folder"),
+        ("pipe", "pipe, socket or device"),  # without waiting
+        ("zero", "pipe, socket or device"),
+    ],
 )
 def test_a_path_that_cannot_be_is_named(tmp_path: Path, path: str, message: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zero").symlink_to("/dev/zero")
     with pytest.raises(InputError, match=message):
         read_bytes(tmp_path / path, 10)
-
-
-def test_a_folder_is_no_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="found a folder"):
-        read_bytes(tmp_path, 10)
 
 
 def test_lines_are_numbered_and_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose import InputError, ReplaySettings, replay
-from e3pose.predict import make_predictor
 from e3pose.recording import Recording
 from e3pose.select.policies import PolicySettings, Selection, Situation, policy_row
 from e3pose.settings.site_file import read_site
@@ -27,7 +27,6 @@ def counted(settings):
 finished = Last()
 """
 
-
 OTHERS = """
 import numpy as np
 class Mute:
@@ -40,7 +39,7 @@ class Counts:
         return [0, 2]
 class Listed:
     def select(self, situation):
-        return [True, False, False]
+        return [False, False, True]
 """
 
 
@@ -70,11 +69,18 @@ def test_an_object_decides_in_a_replay(scene: Recording) -> None:
     assert [record.selected.tolist() for record in records[4:]] == [[True, False, False]] * 6
 
 
-@pytest.mark.parametrize("name", ["Last", "counted", "finished"])
-@pytest.mark.parametrize("module", ["mine_policies", "mine_policies.py", "./mine_policies.py"])
-def test_a_name_decides_in_a_replay(name: str, module: str, folder: Path, scene: Recording) -> None:
-    settings = ReplaySettings(pipeline="paper", policy=f"{module}:{name}", warmup_slots=2)
-    records = list(replay(scene, settings))
+@each_case(
+    "name",
+    [
+        "mine_policies:Last",
+        "mine_policies.py:counted",
+        "./mine_policies.py:finished",
+        "others:Listed",  # a list of truth values
+    ],
+)
+def test_a_name_decides_in_a_replay(name: str, folder: Path, scene: Recording) -> None:
+    (folder / "others.py").write_text(OTHERS)
+    records = list(replay(scene, ReplaySettings(pipeline="paper", policy=name, warmup_slots=2)))
     assert [record.selected.tolist() for record in records[4:]] == [[False, False, True]] * 6
 
 
@@ -136,15 +142,3 @@ def test_a_policy_that_does_not_select_is_reported(
     with pytest.raises(InputError) as caught:
         list(replay(scene, settings))
     assert message in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_a_list_of_truth_values_is_a_selection(folder: Path, scene: Recording) -> None:
-    (folder / "others.py").write_text(OTHERS)
-    settings = ReplaySettings(pipeline="paper", policy="others:Listed", warmup_slots=2)
-    records = list(replay(scene, settings))
-    assert [record.selected.tolist() for record in records[4:]] == [[True, False, False]] * 6
-
-
-def test_names_of_other_families_are_reported_alike() -> None:
-    with pytest.raises(InputError, match=r"predictor: found 'nobody', .*or module:Name"):
-        make_predictor("nobody")

@@ -86,16 +86,6 @@ def test_ray_of_a_projected_point_passes_through_it(
     np.testing.assert_allclose(ray, away / np.linalg.norm(away), atol=1e-8)
 
 
-@given(st.floats(0, SIZE[0]), st.floats(0, SIZE[1]), extrinsics(), lens_names)
-def test_point_along_a_ray_projects_back_to_its_pixel(
-    u: float, v: float, pose: tuple[Floats, Floats], lens: str
-) -> None:
-    seen = camera(lens, *pose)
-    ray = seen.rays((u, v))
-    back = seen.project(seen.center_m + 3.0 * ray)
-    np.testing.assert_allclose(back, (u, v), atol=1e-5)
-
-
 @given(extrinsics(), extrinsics(), vectors)
 def test_fundamental_matrix_vanishes_for_one_point_in_two_views(
     first: tuple[Floats, Floats], second: tuple[Floats, Floats], point: tuple[float, float, float]
@@ -301,17 +291,14 @@ def test_wrong_camera_is_named_with_its_field(wrong: str) -> None:
         camera(camera_id="left", **changes)
 
 
-@each_case("name", ["cam1", "0", "hd_00-05.x", "A" * 64, "_"])
-def test_plain_camera_ids_are_accepted(name: str) -> None:
-    assert check_camera_id(name) == name
-
-
 @each_case(
     "name", ["", ".", "..", "../x", "a/b", "a\\b", "-x", "a b", "a\n", "é", "A" * 65, None, 7, b"a"]
 )
 def test_camera_ids_that_could_be_paths_are_refused(name: object) -> None:
     with pytest.raises(InputError, match="camera id"):
         check_camera_id(name)
+    for plain in ("cam1", "0", "hd_00-05.x", "A" * 64, "_"):
+        assert check_camera_id(plain) == plain
 
 
 def test_rig_knows_its_cameras_by_name_and_order() -> None:

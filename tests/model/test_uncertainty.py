@@ -36,6 +36,8 @@ def test_equal_axes_are_exact(axes: tuple[float, ...], mean: float, within: floa
 
 def test_unequal_turned_axes_agree_with_draws_within_three_percent() -> None:
     rng = np.random.default_rng(0)
+    unknown = np.stack([np.eye(3), np.full((3, 3), np.nan)])
+    assert np.isnan(expected_distance_m(unknown)).tolist() == [False, True]
     tails = np.sqrt(TAILS / rng.chisquare(TAILS, size=200_000))
     for _ in range(10):
         root = rng.normal(size=(3, 3)) * [1.0, 0.5, 0.2]
@@ -46,11 +48,6 @@ def test_unequal_turned_axes_agree_with_draws_within_three_percent() -> None:
         of_errors = distances * tails
         of_errors *= distances.mean() / of_errors.mean()
         assert (of_errors < within).mean() == pytest.approx(0.9, abs=0.01)
-
-
-def test_unknown_stays_unknown() -> None:
-    covariance = np.stack([np.eye(3), np.full((3, 3), np.nan)])
-    assert np.isnan(expected_distance_m(covariance)).tolist() == [False, True]
 
 
 speeds = st.floats(-30, 30)
@@ -73,10 +70,7 @@ def test_what_is_packed_comes_back(
     np.testing.assert_allclose(found[0, 3:5], [sigma_m, sigma_mps], rtol=0.025)
     np.testing.assert_allclose(found[0, 5], correlation, atol=0.005)
     assert np.isnan(found[1]).all()
-
-
-def test_nothing_is_known_of_empty_bytes() -> None:
-    assert np.isnan(unpacked(np.zeros((3, 17, PACKED_SIZE), dtype=np.uint8))).all()
+    assert np.isnan(unpacked(np.zeros((3, 17, PACKED_SIZE), dtype=np.uint8))).all()  # of no bytes
     assert unpacked(packed(np.zeros((0, 17, 6)))).shape == (0, 17, 6)
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.cases import each_case
-from tests.reference.fuse import ReferenceFuser
 from tests.rigs import on_circle, towards
 
 from e3pose.base.arrays import Floats
@@ -20,7 +19,6 @@ from e3pose.model.rotations import rotation_of
 from e3pose.model.undistort import make_lenses, undistort_slot
 
 pytestmark = pytest.mark.slow
-
 
 SIZE = (1000, 800)
 K = np.array([[700.0, 3.0, 500.0], [0.0, 690.0, 400.0], [0.0, 0.0, 1.0]])
@@ -125,20 +123,6 @@ def test_random_lenses_are_inverted_as_in_the_reference() -> None:
     assert lost > 1_500 and kept > 15_000
 
 
-@each_case("lens", [name for name in LENSES if name not in ("none", "enormous", "filmed in part")])
-def test_kernel_finds_the_point_that_was_projected(lens: str) -> None:
-    rng = np.random.default_rng(3)
-    points = np.column_stack([rng.uniform(-0.6, 0.6, (300, 2)), np.ones(300)])
-    seen = normalised(by_kernel(camera(lens), camera(lens).project(points)))
-    np.testing.assert_allclose(seen, points[:, :2], atol=1e-9)
-
-
-@each_case("lens", LENSES)
-def test_centre_of_the_image_stays(lens: str) -> None:
-    pixels = np.tile(K[:2, 2], (3, 1))
-    np.testing.assert_array_equal(by_kernel(camera(lens), pixels), pixels)
-
-
 @each_case(
     ("coefficients", "fisheye", "largest"),
     [
@@ -199,7 +183,6 @@ def mixed_rig(lenses: list[str]) -> Rig:
     return Rig(tuple(cameras))
 
 
-@each_case("make", [Fuser, ReferenceFuser])
 @each_case(
     "lenses",
     [
@@ -209,16 +192,14 @@ def mixed_rig(lenses: list[str]) -> Rig:
         ["fisheye", "fisheye", "fisheye"],
     ],
 )
-def test_people_seen_by_fisheyes_and_others_are_found_where_they_are(
-    lenses: list[str], make: type[Fuser]
-) -> None:
+def test_people_seen_by_fisheyes_and_others_are_found_where_they_are(lenses: list[str]) -> None:
     rng = np.random.default_rng(5)
     spots = np.array([(-0.8, 0.1, 0), (0.7, 0.6, 0), (0.2, -0.9, 0)])
     truth = spots[:, None] + rng.uniform((-0.25, -0.25, 0.1), (0.25, 0.25, 1.7), (NUM_JOINTS, 3))
     rig = mixed_rig(lenses)
     keypoints = rig.project(truth)
     assert np.isfinite(keypoints).all()
-    fuser = make(rig, NUM_JOINTS)
+    fuser = Fuser(rig, NUM_JOINTS)
     counts = np.full(len(rig), len(truth))
     fusion = fuser.fuse_arrays(keypoints, np.full(keypoints.shape[:3], 0.9), counts)
     assert len(fusion.people) == len(truth)

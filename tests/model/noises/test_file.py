@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 
-from e3pose.base.bounded import parse_toml
 from e3pose.base.errors import InputError
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import (
@@ -112,11 +111,8 @@ def test_version_1_is_read_with_the_usual_memory() -> None:
     lists = {"memory_s": [0.0, 0.1, 2.5], "memory_share": [0.0, 0.4, 0.6]}
     file = decode_noise({**GOOD, "version": 1, **lists}, "old.toml")
     assert file.noise().memory == ErrorMemory()
-
-
-def test_memory_of_a_file_reaches_the_noise() -> None:
-    file = decode_noise({**GOOD, "memory": {"lasting_share": 0.2}}, "my.toml")
-    assert file.noise().memory == ErrorMemory(lasting_share=0.2)
+    own = decode_noise({**GOOD, "memory": {"lasting_share": 0.2}}, "my.toml")
+    assert own.noise().memory == ErrorMemory(lasting_share=0.2)
 
 
 def test_missing_field_and_missing_file_are_named(tmp_path: Path) -> None:
@@ -150,10 +146,3 @@ def test_noise_that_nobody_measured_is_larger_than_openposes() -> None:
     np.testing.assert_allclose(unknown.sigma_px, 1.5 * openpose.sigma_px)
     assert unknown.weight < openpose.weight  # and it is learned sooner
     assert unknown.memory == openpose.memory
-
-
-def test_text_of_a_file_is_toml() -> None:
-    assert parse_toml(encode_noise(NoiseFile(**GOOD)), "x") == {
-        **GOOD,
-        "memory": asdict(ErrorMemory()),
-    }
