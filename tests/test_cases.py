@@ -62,7 +62,7 @@ def test_a_table_is_skipped_only_where_all_cases_are() -> None:
     "differs, reached",
     [
         ("lab/e3pose_lab/each.py", "tests/lab/test_each.py"),
-        ("tests/edge/delays.py", "tests/edge/test_lead_dynamics.py"),  # a helper
+        ("tests/edge/lying_site.py", "tests/edge/test_lies.py"),  # a helper
         ("tests/recording/conftest.py", "tests/recording/calibration/test_calibration_errors.py"),
         ("src/e3pose/base/arrays.py", "tests/estimate/filter/test_motion.py"),  # by others
         ("src/e3pose/edge/lead.py", "tests/site/test_up.py"),  # starts programs

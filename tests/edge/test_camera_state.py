@@ -40,6 +40,7 @@ def why(camera: CameraState, at_ns: int = NOW) -> str:
         (cameras.with_presence(well(), False, NOW), "not connected"),
         (with_message(CameraState("cam1"), NOW), "connecting"),
         (with_hello(CameraState("cam1"), HELLO, NOW), "connected, waiting for its first status"),
+        (with_heartbeat(CameraState("cam1"), structs.replace(BEAT, problem="no frame"), NOW), "no"),
     ],
 )
 def test_incomplete_camera_says_what_is_missing(camera: CameraState, message: str) -> None:
@@ -76,7 +77,7 @@ def test_two_programs_that_speak_as_one_camera_are_distinguished() -> None:
         assert expected in why(camera, later_ns) and bool(expected) == bool(why(camera, later_ns))
 
 
-def test_restarts_are_no_second_program() -> None:
+def test_restarts_are_no_second_program_and_begin_anew() -> None:
     camera, at_ns = well(), NOW
     for session in range(6, 30):  # again and again, as of a program that crashes
         for _ in range(2):
@@ -84,11 +85,11 @@ def test_restarts_are_no_second_program() -> None:
             camera = speak(camera, session, at_ns)
             assert why(camera, at_ns) == ""
         assert len(camera.sessions) <= 4 and not camera.returns
-
-
-def test_last_word_of_a_program_that_ended_may_come_late() -> None:
-    camera = speak(speak(speak(well(), 9, NOW), 5, NOW), 9, NOW)
-    assert why(camera) == ""
+    late = speak(speak(speak(well(), 9, NOW), 5, NOW), 9, NOW)
+    assert why(late) == ""  # the last word of a program that ended may come late
+    again = with_hello(well(), Hello("cam1", 6, JOINTS, SIZE, 25.0), NOW)
+    assert again.restarts == 1 and why(again) == "connected, waiting for its first status"
+    assert with_hello(well(), HELLO, NOW).restarts == 0
 
 
 def test_silence_is_noticed_within_two_seconds() -> None:
@@ -149,13 +150,6 @@ def test_ailing_camera_says_what_ails_it(beat: Heartbeat, message: str) -> None:
     assert why(with_heartbeat(well(), beat, NOW)) == message
 
 
-def test_camera_without_a_frame_says_why() -> None:
-    camera = with_heartbeat(
-        CameraState("cam1"), structs.replace(BEAT, problem="found no /dev/video7"), NOW
-    )
-    assert why(camera) == "found no /dev/video7"
-
-
 def test_frozen_camera_is_noticed_though_it_speaks() -> None:
     camera = well()
     for second in range(1, 9):
@@ -204,12 +198,6 @@ def test_flood_is_noticed_and_ends_with_its_second() -> None:
     assert not cameras.flooding(with_message(camera, NOW + SECOND), 25, NOW + SECOND)
 
 
-def test_restarted_program_is_counted_and_begins_anew() -> None:
-    again = with_hello(well(), Hello("cam1", 6, JOINTS, SIZE, 25.0), NOW)
-    assert again.restarts == 1 and why(again) == "connected, waiting for its first status"
-    assert with_hello(well(), HELLO, NOW).restarts == 0
-
-
 @each_case("first", ["word", "connection"])
 def test_order_of_the_last_word_and_the_lost_connection_is_no_matter(first: str) -> None:
     camera, last = well(), structs.replace(BEAT, ends=True)
@@ -237,16 +225,9 @@ def heard(camera: CameraState, mode: Activity, at_ns: int, session: int = 1) -> 
     return with_heartbeat(camera, Heartbeat("cam1", session, 0, mode), at_ns)
 
 
-def test_wake_time_is_learned_and_alarms_are_early_by_two_standard_deviations() -> None:
+def test_alarms_are_early_by_two_standard_deviations_and_a_minute_at_most() -> None:
     wake = cameras.WakeTime.stated(0.5)
     assert wake.early_s == pytest.approx(0.5 + 2 * 0.25)
-    rng = np.random.default_rng(3)
-    for took_s in rng.normal(4.0, 0.5, 200):
-        wake = wake.after(took_s)
-    assert wake.mean_s == pytest.approx(4.0, abs=0.4)
-    assert wake.sd_s == pytest.approx(0.5, rel=0.5)
-    late = np.mean(rng.normal(4.0, 0.5, 10_000) > wake.early_s)
-    assert late < 0.1
     for _ in range(300):
         wake = wake.after(1e9)
     assert wake.early_s <= 60.0  # one that was away for a day is no slow one
@@ -257,10 +238,10 @@ def test_camera_asleep_is_expected_back_when_its_next_order_is_made() -> None:
     assert why(asleep, DUE_NS - 6 * S) == "asleep for 6 s"
     assert why(asleep, DUE_NS + S) == "asleep for 0 s"  # it may still speak
     assert why(asleep, DUE_NS + 5 * S) == "overslept by 5 s"
+    assert why(told(), 4 * S).startswith("asleep")  # though a new edge has never heard it
     assert why(heard(CameraState("cam1"), "asleep", 2 * S), 3 * S) == "connecting"  # nobody told it
-
-
-def test_camera_that_was_told_and_still_speaks_is_awake() -> None:
+    never = cameras.with_order_to_sleep(CameraState("cam0"), 0, 4 * S)
+    assert why(never, 4 * S) == "never connected"
     awake = heard(with_hello(told(), HELLO, 4 * S), "active", 4 * S, 5)
     assert why(awake, 4 * S) == ""
     assert why(awake, 7 * S).startswith("asleep")  # its last word may be lost
@@ -274,13 +255,6 @@ def test_program_that_dies_in_its_sleep_is_dead_and_a_suspended_machine_is_not()
     assert why(away, 4 * S).startswith("asleep")
     ends = with_heartbeat(told(), Heartbeat("cam1", 1, 0, "asleep", ends=True), S)
     assert why(ends, 4 * S) == "stopped"
-
-
-def test_edge_that_was_restarted_expects_whom_it_never_heard() -> None:
-    assert why(told(), 4 * S).startswith("asleep")
-    assert (
-        why(cameras.with_order_to_sleep(CameraState("cam0"), 0, 4 * S), 4 * S) == "never connected"
-    )
 
 
 @each_case(
@@ -327,15 +301,7 @@ def test_camera_that_once_woke_late_sleeps_again_some_time() -> None:
 def slept(
     camera: CameraState, from_s: int, wake_s: float, called: bool = False, session: int = 1
 ) -> tuple[CameraState, float]:
-    """Let a camera sleep for half a minute; return it, and by how much it came late.
-
-    Args:
-        camera: before.
-        from_s: when it falls asleep.
-        wake_s: from its alarm until it is heard.
-        called: whether somebody calls it ten seconds after it fell asleep.
-        session: of the program that is heard afterwards; 1 fell asleep.
-    """
+    """Let a camera sleep for half a minute; return it, and by how much it came late."""
     asleep_ns, due_ns = (from_s + 1) * S, (from_s + 30) * S
     camera = cameras.with_order_to_sleep(camera, from_s + 30, due_ns)
     late_s = wake_s - camera.early_s

@@ -70,6 +70,17 @@ def run(
     return state, records
 
 
+@pytest.fixture(scope="module")
+def pipeline(recording: Recording) -> Pipeline:
+    return made(recording, "memory")
+
+
+@pytest.fixture(scope="module")
+def begun(recording: Recording, pipeline: Pipeline) -> SlotState:
+    """The state after some slots."""
+    return run(recording, pipeline, initial_state(pipeline), 20)[0]
+
+
 @pytest.mark.parametrize("name", ["paper", "memory"])
 def test_continued_loop_is_the_same_loop(name: str, recording: Recording, tmp_path: Path) -> None:
     pipeline, path = made(recording, name), tmp_path / "state.npz"
@@ -101,10 +112,11 @@ def test_checkpoint_of_another_site_is_refused(recording: Recording, tmp_path: P
         load_checkpoint(path, replace(pipeline, interval_s=0.1))
 
 
-def test_damage_is_reported_and_never_half_believed(recording: Recording, tmp_path: Path) -> None:
-    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
-    state, _ = run(recording, pipeline, initial_state(pipeline), 12)
-    save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
+def test_damage_is_reported_and_never_half_believed(
+    pipeline: Pipeline, begun: SlotState, tmp_path: Path
+) -> None:
+    path = tmp_path / "state.npz"
+    save_checkpoint(path, Checkpoint(begun, 1, 3, 2), pipeline)
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
     for length in rng.integers(0, len(whole), 20).tolist():
@@ -120,14 +132,15 @@ def test_damage_is_reported_and_never_half_believed(recording: Recording, tmp_pa
         except InputError:
             continue
         for name, array in flatten(found.state).items():
-            np.testing.assert_array_equal(array, flatten(state)[name])
+            np.testing.assert_array_equal(array, flatten(begun)[name])
 
 
 @each_case("change", ["missing", "shape", "kind", "uneven"])
-def test_wrong_array_is_named(change: str, recording: Recording, tmp_path: Path) -> None:
-    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
-    state, _ = run(recording, pipeline, initial_state(pipeline), 20)
-    save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
+def test_wrong_array_is_named(
+    change: str, pipeline: Pipeline, begun: SlotState, tmp_path: Path
+) -> None:
+    path = tmp_path / "state.npz"
+    save_checkpoint(path, Checkpoint(begun, 1, 3, 2), pipeline)
     about, arrays = read_arrays(path)
     name = "state.memory.belief.existence"
     if change == "missing":
@@ -166,26 +179,23 @@ def test_slots_left_out_save_energy_and_wake_everybody(recording: Recording) -> 
     assert skip_to(state, 10, np.full(3, 0.5)) is state
 
 
-def test_slots_move_only_with_a_clock_that_went_back() -> None:
-    times = SlotTimes(1000 * 10**9, 40_000_000)
-    now_ns = times.middle_ns(500)
-    assert still_true(times, 501, now_ns, 2) == (times, "")
-    assert still_true(times, 100, now_ns, 2) == (times, "")  # away for a while
-    moved, why = still_true(times, 90_000, now_ns, 2)
-    assert moved.slot_at(now_ns) == 90_000 - 3  # the orders can still be in time
-    assert why == "this machine's clock went back by 60 min"
-
-
 @each_case(
-    ("away_s", "why"),
-    [(130.0, "130.0 s"), (3600.0, "60 min"), (3650 * 86400.0, "10.0 years")],
+    ("slot", "away_s", "why"),
+    [
+        (501, 0.0, ""),
+        (100, 0.0, ""),  # away for a while
+        (90_000, 0.0, "this machine's clock went back by 60 min"),
+        (500, 130.0, "130.0 s since the last slot, by this machine's clock"),
+        (500, 3600.0, "60 min since the last slot, by this machine's clock"),
+        (500, 3650 * 86400.0, "10.0 years since the last slot, by this machine's clock"),
+    ],
 )
-def test_slot_numbers_do_not_jump_by_a_clock(away_s: float, why: str) -> None:
+def test_slot_numbers_do_not_jump_by_a_clock(slot: int, away_s: float, why: str) -> None:
     times = SlotTimes(1000 * 10**9, 40_000_000)
     now_ns = times.middle_ns(500) + round(away_s * 1e9)
-    moved, reported = still_true(times, 500, now_ns, 2)
-    assert moved.slot_at(now_ns) == 500 - 3
-    assert reported == f"{why} since the last slot, by this machine's clock"
+    moved, reported = still_true(times, slot, now_ns, 2)
+    assert reported == why
+    assert moved.slot_at(now_ns) == (slot - 3 if why else 500)  # the orders can still be in time
 
 
 @pytest.mark.parametrize("name", ["paper", "memory"])
@@ -272,19 +282,18 @@ HOSTILE = {
 
 @each_case("name", HOSTILE)
 def test_values_that_make_no_sense_begin_afresh(
-    name: str, recording: Recording, tmp_path: Path
+    name: str, pipeline: Pipeline, begun: SlotState, tmp_path: Path
 ) -> None:
-    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
-    state, _ = run(recording, pipeline, initial_state(pipeline), 20)
+    path = tmp_path / "state.npz"
     leftovers = replace(
-        state.memory.belief.leftovers,
+        begun.memory.belief.leftovers,
         times_s=np.zeros(1),
         cameras=np.zeros(1, dtype=np.int64),
         keypoints_px=np.full((1, 17, 2), 100.0),
         scores=np.ones((1, 17)),
     )
-    belief = replace(state.memory.belief, leftovers=leftovers)
-    state = replace(state, memory=replace(state.memory, belief=belief))
+    belief = replace(begun.memory.belief, leftovers=leftovers)
+    state = replace(begun, memory=replace(begun.memory, belief=belief))
     save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
     reported: list[str] = []
 
@@ -328,17 +337,17 @@ def test_state_that_the_loop_fails_on_begins_afresh(
     ids=str,
 )  # fmt: skip
 def test_layout_that_does_not_fit_is_refused(
-    layout: Any, recording: Recording, tmp_path: Path
+    layout: Any, pipeline: Pipeline, tmp_path: Path
 ) -> None:
-    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+    path = tmp_path / "state.npz"
     said = np.frombuffer(json.dumps({"version": 18, "layout": layout}).encode(), np.uint8)
     np.savez(path, about=said, values=np.zeros(16, np.uint8))
     with pytest.raises(InputError, match=r"state\.npz: found no checkpoint"):
         load_checkpoint(path, pipeline)
 
 
-def test_zip_bomb_is_refused_before_it_is_unpacked(recording: Recording, tmp_path: Path) -> None:
-    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+def test_zip_bomb_is_refused_before_it_is_unpacked(pipeline: Pipeline, tmp_path: Path) -> None:
+    path = tmp_path / "state.npz"
     save_checkpoint(path, Checkpoint(initial_state(pipeline), 1, 3, 2), pipeline)
     with (
         zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive,
@@ -356,8 +365,8 @@ def test_zip_bomb_is_refused_before_it_is_unpacked(recording: Recording, tmp_pat
     assert peak < 16 * 2**20
 
 
-def test_arrays_that_share_their_bytes_are_refused(recording: Recording, tmp_path: Path) -> None:
-    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+def test_arrays_that_share_their_bytes_are_refused(pipeline: Pipeline, tmp_path: Path) -> None:
+    path = tmp_path / "state.npz"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.npy", bytes(10_000))
         for number in range(1000):

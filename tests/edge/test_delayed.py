@@ -9,11 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.cases import each_case
 from tests.cli.commands import run
-from tests.edge.one_process import site_at_work
 from tests.manual_clock import ManualClock
-from tests.waiting import eventually
 
 from e3pose.base.errors import InputError
 from e3pose.edge.publisher import Publisher
@@ -65,27 +62,10 @@ def test_slots_come_as_late_as_in_a_replay() -> None:
         np.testing.assert_array_equal(late.people.joints_m, record.people.joints_m)
         np.testing.assert_array_equal(late.people.covariance_m2, record.people.covariance_m2)
     assert [late.slot for late in delayed.flush()] == [22, 23, 24]
+    assert [lag_slots(delay_s, 0.04) for delay_s in (0.2, 0.01, 0.1)] == [5, 1, 2]
     delayed.push(records[0], posteriors[0])
     delayed.forget()
     assert list(delayed.flush()) == []
-
-
-@each_case(("delay_s", "slots"), [(0.2, 5), (0.01, 1), (0.1, 2)])
-def test_a_delay_is_a_slot_at_least(delay_s: float, slots: int) -> None:
-    assert lag_slots(delay_s, 0.04) == slots
-
-
-def test_an_edge_tells_the_same_people_again(tmp_path: Path) -> None:
-    with site_at_work(tmp_path, smooth_delay_s=0.1) as site:
-        assert eventually(lambda: len(site.delayed) > 10)
-        at_once = {message.slot: message for message in site.poses}
-        for late in site.delayed[:10]:
-            first = at_once[late.slot]
-            assert late.time_edge_ns == first.time_edge_ns
-            assert late.published_edge_ns > first.published_edge_ns
-            assert late.delay_ms == pytest.approx(100.0) and first.delay_ms == 0.0
-            assert unpack(late.track_ids).tolist() == unpack(first.track_ids).tolist()
-        assert site.edge.threads.failure is None
 
 
 def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:

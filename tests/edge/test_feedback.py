@@ -15,7 +15,7 @@ from e3pose.base.clock import SlotTimes
 from e3pose.base.errors import InputError
 from e3pose.camera.schedule import Schedule, take_order
 from e3pose.model.expected import ExpectedView
-from e3pose.wire.arrays import pack
+from e3pose.wire.arrays import pack, unpack
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.expected import expected_view, packed_expected
 from e3pose.wire.messages import Order
@@ -46,6 +46,10 @@ def test_expected_people_come_back_from_the_bytes() -> None:
     assert back is not None
     np.testing.assert_allclose(back.keypoints_px, view().keypoints_px, rtol=1e-6)
     np.testing.assert_allclose(back.reach_px, view().reach_px)
+    wild = ExpectedView(np.full((1, 2, 2), [[2 * MAX_PIXEL, 0], [3, 4]]), np.array([1e12]))
+    back = expected_view(decode(encode(order(expected_people=wild)), Order, "edge"))
+    assert back is not None and back.reach_px[0] == MAX_PIXEL  # beyond every image is missing
+    assert np.isnan(back.keypoints_px[0, 0]).all() and back.keypoints_px[0, 1].tolist() == [3, 4]
 
 
 def test_order_of_four_people_is_small_and_a_crowd_is_left_out() -> None:
@@ -54,13 +58,6 @@ def test_order_of_four_people_is_small_and_a_crowd_is_left_out() -> None:
     for people in (0, MAX_EXPECTED + 1):
         assert packed_expected(view(people)) == (None, None)
     assert packed_expected(view(MAX_EXPECTED))[0] is not None
-
-
-def test_keypoints_far_beyond_every_image_are_left_out() -> None:
-    wild = ExpectedView(np.full((1, 2, 2), [[2 * MAX_PIXEL, 0], [3, 4]]), np.array([1e12]))
-    back = expected_view(decode(encode(order(expected_people=wild)), Order, "edge"))
-    assert back is not None and back.reach_px[0] == MAX_PIXEL
-    assert np.isnan(back.keypoints_px[0, 0]).all() and back.keypoints_px[0, 1].tolist() == [3, 4]
 
 
 @each_case(
@@ -81,8 +78,7 @@ def test_order_with_what_nobody_can_expect_is_refused(changes: dict[str, Any]) -
 
 def test_old_program_reads_the_order_and_an_old_order_is_read() -> None:
     assert expected_view(order(reach_px=None)) is None
-    payload = encode(order())
-    assert expected_view(decode(payload, Order, "edge")) is None
+    assert expected_view(decode(encode(order()), Order, "edge")) is None
 
 
 def test_feedback_holds_for_its_slot_alone() -> None:
@@ -104,7 +100,8 @@ def test_stale_feedback_is_ignored() -> None:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    with site_at_work(tmp_path_factory.mktemp("site"), feedback=True) as made:
+    folder = tmp_path_factory.mktemp("site")
+    with site_at_work(folder, feedback=True, smooth_delay_s=0.1) as made:
         yield made
 
 
@@ -123,3 +120,16 @@ def test_camera_whose_detector_ignores_feedback_says_so_once(site: Site) -> None
         f"{name}: feedback ignored: the detector detects in whole images only"
         for name in sorted(site.nodes)
     ]
+
+
+@pytest.mark.slow
+def test_an_edge_with_a_delay_tells_the_same_people_again(site: Site) -> None:
+    assert eventually(lambda: len(site.delayed) > 10)
+    at_once = {message.slot: message for message in site.poses}
+    for late in site.delayed[:10]:
+        first = at_once[late.slot]
+        assert late.time_edge_ns == first.time_edge_ns
+        assert late.published_edge_ns > first.published_edge_ns
+        assert late.delay_ms == pytest.approx(100.0) and first.delay_ms == 0.0
+        assert unpack(late.track_ids).tolist() == unpack(first.track_ids).tolist()
+    assert site.edge.threads.failure is None

@@ -18,42 +18,27 @@ def arrival(x: float = 1.0) -> Arrival:
     return Arrival(Poses2D(np.full((1, 1, 2), x), np.ones((1, 1))), 0, 0)
 
 
-def test_slot_gets_its_views_and_no_others() -> None:
+def test_slot_gets_its_newest_views_and_no_others() -> None:
     gather = Gather(3)
     assert gather.add(0, 1, arrival()) and gather.add(1, 2, arrival())
-    assert set(gather.close()) == {1}
+    assert gather.add(0, 1, arrival(2.0))
+    first = gather.close()
+    assert set(first) == {1} and first[1].poses.keypoints_px[0, 0, 0] == 2.0
     assert set(gather.close()) == {2}
     assert set(gather.close()) == set()
+    assert gather.add(3 + MAX_AHEAD_SLOTS, 0, arrival())
+    assert not gather.add(4 + MAX_AHEAD_SLOTS, 0, arrival())  # of the far future
+    assert gather.late.tolist() == [0, 0, 0]
 
 
-def test_late_view_is_counted_and_refused() -> None:
-    gather = Gather(2)
-    gather.close()
-    assert not gather.add(0, 1, arrival())
-    assert gather.late.tolist() == [0, 1]
-
-
-def test_age_of_late_views_is_that_of_the_oldest() -> None:
+def test_late_views_are_refused_and_counted_and_their_age_is_that_of_the_oldest() -> None:
     gather = Gather(2)
     gather.close()
     for age_ns in (200_000_000, 310_000_000, 250_000_000):
-        gather.add(0, 1, Arrival(arrival().poses, 5, 5 + age_ns))
+        assert not gather.add(0, 1, Arrival(arrival().poses, 5, 5 + age_ns))
+    assert gather.late.tolist() == [0, 3]
     np.testing.assert_allclose(gather.late_by_s(0.15), [np.nan, 0.31])
     np.testing.assert_allclose(gather.late_by_s(0.4), [np.nan, np.nan])  # not that late
-
-
-def test_view_of_the_far_future_is_refused() -> None:
-    gather = Gather(2)
-    assert gather.add(MAX_AHEAD_SLOTS, 0, arrival())
-    assert not gather.add(MAX_AHEAD_SLOTS + 1, 0, arrival())
-    assert gather.late.tolist() == [0, 0]
-
-
-def test_newer_view_of_a_slot_counts() -> None:
-    gather = Gather(2)
-    gather.add(0, 0, arrival(1.0))
-    gather.add(0, 0, arrival(2.0))
-    assert gather.close()[0].poses.keypoints_px[0, 0, 0] == 2.0
 
 
 def test_waits_only_for_cameras_that_are_wanted() -> None:
@@ -161,7 +146,7 @@ def test_nobody_waits_once_the_program_ends() -> None:
     assert not Gather(1).wait(ManualClock(), stopping, 10**12, {0: 10**12}, lambda missing: [0])
 
 
-def test_nobody_sleeps_past_the_deadline() -> None:
+def test_nobody_sleeps_past_the_deadline_nor_long_before_a_far_one() -> None:
     naps, clock = Naps(), ManualClock(1000)
     gather = Gather(1, _lock=naps)
     gather.sleep(clock, 1000)
@@ -169,10 +154,5 @@ def test_nobody_sleeps_past_the_deadline() -> None:
     assert naps.seconds == []
     gather.sleep(clock, 1000 + 2_000_000)
     assert naps.seconds == [0.002]
-
-
-def test_sleeper_looks_again_long_before_a_far_deadline() -> None:
-    naps, clock = Naps(), ManualClock(1000)
-    Gather(1, _lock=naps).sleep(clock, 10**12)
-    assert len(naps.seconds) == 1 and naps.seconds[0] is not None
-    assert 0 < naps.seconds[0] <= 0.05
+    gather.sleep(clock, 10**12)
+    assert naps.seconds[1] is not None and 0 < naps.seconds[1] <= 0.05

@@ -7,7 +7,6 @@ from random import Random
 
 import numpy as np
 import pytest
-from tests.cases import each_case
 from tests.edge.lying_site import LINK_NS, Kept, run
 
 from e3pose.wire.messages import View
@@ -29,20 +28,13 @@ def lossy(share: float, cameras: int) -> Kept:
     return run(Lie("lossy", {View: change}), cameras, SECONDS)
 
 
-@each_case("share, cameras", [(0.75, 1), (0.2, 2)])
-def test_camera_that_loses_views_harms_nobody(share: float, cameras: int) -> None:
-    kept, gone = lossy(share, cameras), lossy(0.0, cameras)
-    # One mistaken identity doubles the mean; of the median, 1.1 is exceeded by one seed of six.
-    assert np.median(kept.errors_m[BEGUN:]) <= 1.2 * np.median(gone.errors_m[BEGUN:])
-    assert np.median(kept.latencies_s[BEGUN:]) <= np.median(gone.latencies_s[BEGUN:]) + 0.005
-    assert max(kept.leads) <= 3
-
-
-@each_case("share, cameras", [(0.75, 1)])
-def test_camera_that_brings_most_views_is_used(share: float, cameras: int) -> None:
-    kept, usual, gone = (lossy(share, cameras) for share in (share, 1.0, 0.0))
+def test_camera_that_brings_most_views_is_used_and_harms_nobody() -> None:
+    share = 0.75
+    kept, usual, gone = (lossy(share, 1) for share in (share, 1.0, 0.0))
     assert np.mean(kept.others[BEGUN:]) >= 0.85 * share * np.mean(usual.others[BEGUN:])
     assert np.mean(kept.errors_m[BEGUN:]) <= np.mean(gone.errors_m[BEGUN:])
+    assert np.median(kept.latencies_s[BEGUN:]) <= np.median(gone.latencies_s[BEGUN:]) + 0.005
+    assert max(kept.leads) <= 3
 
 
 @pytest.mark.parametrize("cameras", [1, pytest.param(2, marks=pytest.mark.nightly)])

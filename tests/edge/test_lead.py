@@ -58,6 +58,7 @@ def test_order_arrives_just_before_its_slot_begins(delay_ms: float, slots: int) 
     margin_s = (slots - 0.5) * INTERVAL_S - delay_ms / 1000  # law: in time, and one less is not
     assert margin_s >= 0.1 * INTERVAL_S - 1e-9
     assert slots == 1 or margin_s - INTERVAL_S < 0.1 * INTERVAL_S
+    assert settled(0.001, wake_s=0.4).slots == 11  # cameras that sleep have time to wake
 
 
 def test_an_edge_that_stays_late_is_slow_and_followed() -> None:
@@ -66,10 +67,6 @@ def test_an_edge_that_stays_late_is_slow_and_followed() -> None:
         lead = with_edge_delay(lead, 0.5, INTERVAL_S)
         lead = adapt(take_in_delay(lead, 0, 0.6), INTERVAL_S)
     assert lead.slots == 16
-
-
-def test_cameras_that_sleep_are_given_time_to_wake() -> None:
-    assert settled(0.001, wake_s=0.4).slots == 11
 
 
 @each_case("delay_s", [math.nan, math.inf, -1.0])
@@ -99,21 +96,11 @@ def test_a_camera_far_slower_than_the_others_is_left_behind(lie_s: float) -> Non
     assert lead.left_behind == (2,)
 
 
-def test_a_camera_somewhat_slower_is_followed() -> None:
-    lead = is_followed(0.01, 0.02, 0.3, 0.015)
-    assert lead.left_behind == ()
-    assert lead.slots == 9
-
-
-def test_a_site_of_slow_links_is_followed() -> None:
-    lead = is_followed(0.02, 0.8, 0.9, 0.85)
-    assert lead.left_behind == ()
-    assert lead.slots == 24
-
-
-def test_cameras_that_are_away_do_not_count() -> None:
+def test_a_camera_somewhat_slower_and_a_site_of_slow_links_are_followed_unless_away() -> None:
+    for delays_s, slots in (((0.01, 0.02, 0.3, 0.015), 9), ((0.02, 0.8, 0.9, 0.85), 24)):
+        lead = is_followed(*delays_s)
+        assert (lead.left_behind, lead.slots) == ((), slots)
     assert is_followed(0.01, 0.02, 0.3, online=[True, True, False]).slots == 2
-    assert is_followed(0.01, online=[False]) == is_followed(0.01, online=[False])
 
 
 def test_who_comes_back_is_not_judged_by_what_it_was() -> None:
@@ -215,10 +202,7 @@ def test_wake_up_times_are_those_of_the_site(lie_s: float, liars: int) -> None:
     assert believed_wakes_s(claims_s, [0.5] * 4, share).max() == pytest.approx(0.5)
     share[-liars:] = 0.0  # they answer nothing
     assert believed_wakes_s(claims_s, [0.5] * 4, share).max() <= MAX_DELAY_S
-
-
-def test_cameras_that_never_sleep_need_no_time_to_wake() -> None:
-    assert not believed_wakes_s([None, None], [0.5, 0.5], np.ones(2)).any()
+    assert not believed_wakes_s([None, None], [0.5, 0.5], np.ones(2)).any()  # they never sleep
 
 
 def test_delays_that_most_cameras_have_are_blamed_on_none() -> None:

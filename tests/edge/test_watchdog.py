@@ -134,12 +134,9 @@ def test_cameras_that_are_useless_themselves_are_no_reason(step: Step, others: l
 
 
 @each_case("step", [deaf, unheard, frozen])
-def test_minority_of_cameras_cannot_claim_it(step: Step) -> None:
+def test_minority_of_cameras_can_neither_claim_nor_hide_it(step: Step) -> None:
     assert alarms([step, works], 60.0) == []
     assert alarms([step, step, works, works], 60.0) == []
-
-
-def test_minority_of_cameras_cannot_hide_it() -> None:
     assert alarms([deaf, deaf, works], 8.0)
 
 

@@ -45,17 +45,18 @@ def test_a_better_network_is_handed_over_once_and_survives_a_restart(make: Make)
     assert again.current == 1 and again.poll() is not None
 
 
-def test_little_motion_begins_nothing(make: Make) -> None:
-    trainer = make("good", 70)
+def test_the_newest_minutes_are_held_back_and_old_ones_learned_until_it_is_closed(
+    make: Make,
+) -> None:
+    trainer = make("hang", 70)
     trainer.run_once()
-    assert not trainer.training and trainer.events == ()
-
-
-def test_the_newest_minutes_are_held_back_and_old_ones_learned(make: Make) -> None:
-    trainer = make("hang")
-    job = begun(trainer).job
-    assert [Path(p).stem for p in job.learn] == [f"{n:08d}" for n in range(1, 7)]
-    assert [Path(p).stem for p in job.held_back] == [f"{n:08d}" for n in range(7, 11)]
+    assert not trainer.training and trainer.events == ()  # of little motion nothing
+    live(trainer, 30, start=70)
+    begin = begun(trainer)
+    assert [Path(p).stem for p in begin.job.learn] == [f"{n:08d}" for n in range(1, 7)]
+    assert [Path(p).stem for p in begin.job.held_back] == [f"{n:08d}" for n in range(7, 11)]
+    trainer.close()
+    assert begin.process.poll() == -signal.SIGKILL
 
 
 @pytest.mark.parametrize("mode", ["worse", "hardly", "one lead", "few"])
@@ -63,13 +64,6 @@ def test_a_network_that_is_not_better_is_not_taken(make: Make, mode: str) -> Non
     trainer = make(mode)
     assert "no change:" in trained(trainer)
     assert trainer.poll() is None and trainer.current == 0 and trainer.store.read().versions == ()
-
-
-def test_closing_ends_the_training(make: Make) -> None:
-    trainer = make("hang")
-    process = begun(trainer).process
-    trainer.close()
-    assert process.poll() == -signal.SIGKILL
 
 
 def test_what_was_held_back_is_learned_later_and_only_new_minutes_judge(

@@ -33,26 +33,23 @@ pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip ins
         ("changed", "new weights"),
     ],
 )
-def test_a_trainer_that_fails_or_lies_changes_nothing_and_is_left_alone_for_longer_and_longer(
-    make: Make, clock: ManualClock, mode: str, said: str
-) -> None:
+def test_a_trainer_that_fails_or_lies_changes_nothing(make: Make, mode: str, said: str) -> None:
     trainer = make(mode)
     assert re.search(said, trained(trainer)), trainer.events
     assert trainer.poll() is None and trainer.current == 0 and trainer.store.read().versions == ()
-    assert "next attempt in 10 s" in trainer.events[-1]
+
+
+def test_it_is_left_alone_for_longer_and_longer_up_to_a_bound(
+    make: Make, clock: ManualClock
+) -> None:
+    trainer = make("crash")
+    waits = [trained(trainer).split("attempt in ")[1]]
     clock.advance(9.0)
     trainer.run_once()
     assert not trainer.training
-    clock.advance(2.0)
-    assert "next attempt in 20 s" in trained(trainer)
-
-
-def test_waiting_grows_to_a_bound(make: Make, clock: ManualClock) -> None:
-    trainer = make("crash")
-    waits = []
-    for _ in range(5):
-        waits.append(trained(trainer).split("attempt in ")[1])
+    for _ in range(4):
         clock.advance(71.0)
+        waits.append(trained(trainer).split("attempt in ")[1])
     assert waits == ["10 s", "20 s", "40 s", "70 s", "70 s"]
 
 
@@ -71,18 +68,11 @@ def test_a_trainer_that_cannot_be_started_changes_nothing(make: Make) -> None:
 def test_a_trainer_that_hangs_is_ended(make: Make, clock: ManualClock) -> None:
     trainer = make("hang")
     process = begun(trainer).process
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) == 19
     clock.advance(2 * SETTINGS.train_s + 61.0)
     trainer.run_once()
     assert not trainer.training and process.poll() == -signal.SIGKILL
     assert "timed out" in trainer.events[-1]
-
-
-def test_a_trainer_killed_from_outside_changes_nothing(make: Make) -> None:
-    trainer = make("hang")
-    process = begun(trainer)
-    assert os.getpriority(os.PRIO_PROCESS, process.pid) == 19
-    os.kill(process.pid, signal.SIGKILL)
-    assert "killed by SIGKILL" in trained(trainer)
 
 
 def test_a_damaged_version_gives_way_to_the_one_before(make: Make, tmp_path: Path) -> None:

@@ -45,12 +45,10 @@ if mode == "huge": text = "[" * 20_000_000
 (folder / "verdict.json").write_text(text)
 """
 
-
 SETTINGS = LearningSettings(
     interval_s=0.1, leads=(1, 5), held_back_s=4.0, least_s=8.0, every_s=100.0, train_s=5.0,
     back_off_s=10.0, longest_back_off_s=70.0, chunk_s=1.0,
 )  # fmt: skip
-
 
 Make = Callable[..., OnlineTrainer]
 
