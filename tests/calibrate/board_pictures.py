@@ -16,15 +16,7 @@ SQUARE_PX = 32  # of the drawing that is warped
 def facing(
     camera: Camera, board: Board, middle_m: Floats, tilts: tuple[float, float], roll: float = 0.0
 ) -> Floats:
-    """Return the `(4, 4)` board-to-world transform of a board in front of a camera.
-
-    Args:
-        camera: which it faces.
-        board: the board.
-        middle_m: `(3,)` where its middle is, in the camera's frame.
-        tilts: about the camera's x and y axes, radians.
-        roll: about its own normal, radians.
-    """
+    """Return the `(4, 4)` board-to-world transform of a board in front of a camera."""
     turn = cv2.Rodrigues(np.array([tilts[0], tilts[1], 0.0]))[0]
     turn = turn @ cv2.Rodrigues(np.array([0.0, 0.0, roll]))[0]
     board_in_camera = np.eye(4)
@@ -66,16 +58,7 @@ def corner_views(
     noise_px: float,
     share: tuple[float, float] = (0.2, 0.45),
 ) -> Floats:
-    """Return `(number, num_corners, 2)` corners of boards all over the picture, NaN outside it.
-
-    Args:
-        camera: which sees them.
-        board: the board.
-        number: how many views.
-        rng: where places and errors come from.
-        noise_px: of a corner.
-        share: of the picture's width that the board takes, from and to.
-    """
+    """Return `(number, num_corners, 2)` corners of boards all over the picture, NaN outside it."""
     width, height = camera.image_size
     views = []
     for _ in range(number):

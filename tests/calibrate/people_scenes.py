@@ -50,13 +50,7 @@ def without_calibration(recording: Recording) -> Recording:
 
 
 def decentred(recording: Recording, share: float, seed: int) -> Recording:
-    """Return it with the axes of all lenses beside the middles of the images.
-
-    Args:
-        recording: any.
-        share: standard deviation of either coordinate, as a share of the longer side.
-        seed: of where to.
-    """
+    """Return it with the axes of all lenses beside the middles of the images."""
     rng = np.random.default_rng(seed)
     cameras, views = [], []
     for camera, series in zip(recording.rig.cameras, recording.views, strict=True):

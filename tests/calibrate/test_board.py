@@ -119,6 +119,9 @@ def test_part_of_a_charuco_board_is_enough_and_nothing_is_nothing() -> None:
 
 def test_page_is_at_true_scale_in_both_formats() -> None:
     board = Board.parse("charuco-5x7-36mm")
+    assert largest_square_mm("a4", 5, 7) == 36
+    with pytest.raises(InputError, match=r"squares of 60 mm take 300 x 420 mm"):
+        draw_page(Board.parse("charuco-5x7-60mm"), "a4")
     page = draw_page(board, "a4")
     assert 'width="210mm" height="297mm" viewBox="0 0 210 297"' in as_svg(page)
     pdf = as_pdf(page)
@@ -142,12 +145,6 @@ def test_back_of_a_page_is_its_mirror_image() -> None:
         (round(210 - b.x - b.width, 3), round(b.y, 3)) for b in back.boxes
     )
     assert "charuco-5x7-<its side>mm-twosided" in front.lines[-1].text
-
-
-def test_page_refuses_what_does_not_fit() -> None:
-    assert largest_square_mm("a4", 5, 7) == 36
-    with pytest.raises(InputError, match=r"squares of 60 mm take 300 x 420 mm"):
-        draw_page(Board.parse("charuco-5x7-60mm"), "a4")
 
 
 @each_case(

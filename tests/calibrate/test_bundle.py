@@ -15,7 +15,6 @@ from e3pose.calibrate.moved_cameras import Cameras, placed
 from e3pose.calibrate.triangulation import place_points
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
-from e3pose.model.rotations import similarity
 
 LONGER = np.array([np.log(1.12), 0.0, 0.0, 0.0])  # a lens of 1.12 times the focal length
 RIG = Rig(
@@ -103,15 +102,6 @@ def test_rig_is_found_from_nothing_and_focal_lengths_too() -> None:
     assert found is not None
     for camera, truth in zip(found.adjusted.rig.cameras, RIG.cameras, strict=True):
         assert camera.K[0, 0] == pytest.approx(truth.K[0, 0], rel=0.02)
-
-
-def test_similarity_is_recovered() -> None:
-    rng = np.random.default_rng(6)
-    source = rng.normal(size=(10, 3))
-    R = RIG.cameras[1].R
-    scale, found, shift = similarity(source, 2.5 * source @ R.T + [1.0, 2.0, 3.0])
-    assert scale == pytest.approx(2.5)
-    assert np.allclose(found, R) and np.allclose(shift, [1.0, 2.0, 3.0])
 
 
 def test_one_coefficient_bends_as_real_lenses_do() -> None:

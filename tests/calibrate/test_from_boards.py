@@ -13,7 +13,6 @@ from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import (
     Edge,
     board_on_floor,
-    both_places,
     chain,
     connected,
     robust_mean,
@@ -44,13 +43,19 @@ def carried(rng: np.random.Generator, number: int, two_sided: bool = False) -> n
     return pixels
 
 
-def test_no_camera_sees_all_and_the_rig_is_found() -> None:
-    solved = solve_boards(RIG, BOARD.corners_m, carried(np.random.default_rng(1), 80))
+def test_rig_is_found_though_no_camera_sees_all_and_boards_are_misread() -> None:
+    rng = np.random.default_rng(1)
+    pixels = carried(rng, 80)
+    solved = solve_boards(RIG, BOARD.corners_m, pixels)
     assert (solved.together == 0).any()
-    degrees, millimetres, scale = distances(solved.adjusted.rig, RIG)
-    assert degrees < 0.1 and millimetres < 10
-    assert scale == pytest.approx(1, abs=0.002)
     assert solved.errors_px == pytest.approx(0.3 * np.sqrt(2), rel=0.2)
+    wrong = pixels.copy()
+    wrong[1, :6] += rng.normal(0, 30, pixels[1, :6].shape)
+    wrong[3, 10:16] += 15.0  # a film that stutters
+    for rig in (solved.adjusted.rig, solve_boards(RIG, BOARD.corners_m, wrong).adjusted.rig):
+        degrees, millimetres, scale = distances(rig, RIG)
+        assert degrees < 0.1 and millimetres < 10
+        assert scale == pytest.approx(1, abs=0.002)
 
 
 def test_two_sided_board_joins_cameras_that_face_each_other() -> None:
@@ -58,17 +63,6 @@ def test_two_sided_board_joins_cameras_that_face_each_other() -> None:
     solved = solve_boards(RIG, BOARD.corners_m, pixels)
     assert (solved.together > 0).all()  # of 20 places
     degrees, millimetres, _ = distances(solved.adjusted.rig, RIG)
-    assert degrees < 0.1 and millimetres < 10
-
-
-def test_misread_boards_do_no_harm() -> None:
-    rng = np.random.default_rng(2)
-    pixels = carried(rng, 80)
-    pixels[1, :6] += rng.normal(0, 30, pixels[1, :6].shape)
-    pixels[3, 10:16] += 15.0  # a film that stutters
-    degrees, millimetres, _ = distances(
-        solve_boards(RIG, BOARD.corners_m, pixels).adjusted.rig, RIG
-    )
     assert degrees < 0.1 and millimetres < 10
 
 
@@ -115,14 +109,6 @@ def test_a_small_board_on_the_floor_is_never_mirrored(cameras: int, noise_px: fl
             continue
         assert np.degrees(np.arccos(found[:3, 2] @ turn[:, 2])) < 8.0, seed
     assert refused == 0 or cameras == 1
-
-
-def test_both_places_of_a_board_are_tried() -> None:
-    rig, turn, pixels = thrown(0, 1, 0.0)
-    places = both_places(rig.cameras[0], A4.corners_m, pixels[0])
-    cosines = np.clip([place[:3, 2] @ turn[:, 2] for place in places], -1, 1)
-    tilts = np.degrees(np.arccos(cosines))
-    assert tilts.min() < 0.1 and tilts.max() > 20
 
 
 def test_chain_takes_the_strongest_way() -> None:

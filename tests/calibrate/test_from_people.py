@@ -28,6 +28,7 @@ from e3pose.calibrate.from_people import (
     _rounds,
     _Scene,
     disagreeing,
+    silent,
     solve_people,
 )
 from e3pose.calibrate.judge import judge
@@ -47,30 +48,14 @@ pytestmark = pytest.mark.slow
 NOISE = load_noise("simulated")
 
 
-def quiet(what: str, done: int, total: int) -> None:
-    del what, done, total
-
-
 @pytest.fixture(scope="module")
 def two() -> Recording:
     return walk(731, people=2, fps=5.0)
 
 
-@pytest.mark.nightly  # tests/cli/test_calibrating_rigs.py finds one of half as many views
-def test_rig_and_focal_lengths_are_found_from_nothing(two: Recording) -> None:
-    found = from_people(without_calibration(two), NOISE, None, KnownLength(), quiet)
-    degrees, millimetres, scale = distances(found.rig, two.rig)
-    assert degrees < 0.5 and millimetres < 80
-    assert scale == pytest.approx(1, abs=0.1)  # people of any height
-    for camera, truth in zip(found.rig.cameras, two.rig.cameras, strict=True):
-        assert camera.K[0, 0] == pytest.approx(truth.K[0, 0], rel=0.03)
-        assert camera.center_m[2] == pytest.approx(truth.center_m[2] / scale, abs=0.1)
-    assert found.rig.placed and "sizes may be 6 % off" in found.notes[-1]
-
-
 def test_rough_start_is_refined_and_keeps_its_world(two: Recording) -> None:
     start = disturbed(two.rig, 5.0, 0.2, 1)
-    found = from_people(two, NOISE, start, KnownLength(), quiet)
+    found = from_people(two, NOISE, start, KnownLength(), silent)
     degrees, millimetres, _ = distances(found.rig, two.rig)
     assert degrees < 0.3 and millimetres < 30
     assert np.linalg.norm(found.rig.centers_m - two.rig.centers_m, axis=1).max() < 0.3
@@ -96,23 +81,13 @@ def test_size_of_errors_is_told_by_the_longer_side_of_a_person() -> None:
     assert np.isnan(Joints(pixels * np.nan, joints.sigma_px, none, none, none).share_of_size(3))
 
 
-@pytest.mark.nightly  # tests/cli/test_calibrating_rigs.py has a distance, of points
-def test_known_distance_sets_the_scale(two: Recording) -> None:
-    first, second = two.rig.camera_ids[:2]
-    metres = float(np.linalg.norm(two.rig.centers_m[0] - two.rig.centers_m[1]))
-    known = KnownLength(distance=(first, second, metres))
-    found = from_people(two, NOISE, None, known, quiet)
-    degrees, millimetres, _ = distances(found.rig, two.rig, with_scale=False)
-    assert degrees < 0.3 and millimetres < 30
-
-
 def test_good_rig_is_found_good_and_a_moved_camera_is_named(two: Recording) -> None:
-    good = judge(two, NOISE, quiet)
+    good = judge(two, NOISE)
     assert good.errors.expected_deg.max() < 0.5 and good.errors.expected_mm.max() < 50
     assert 5 < np.nanmedian(good.room.total_mm) < 40
     moved = disturbed(two.rig, 1.5, 0.0, 2).cameras[2]
     cameras = [moved if i == 2 else camera for i, camera in enumerate(two.rig.cameras)]
-    bad = judge(replace(two, rig=Rig(tuple(cameras))), NOISE, quiet)
+    bad = judge(replace(two, rig=Rig(tuple(cameras))), NOISE)
     assert bad.errors_px[2] > 1.5 * good.errors_px[2]
     (said,) = (words for words in bad.next_steps if "was moved" in words)
     assert said.startswith("cam2 is off by") and "--only cam2" in said
@@ -159,14 +134,14 @@ def test_unknown_lenses_begin_from_two_focal_lengths(
 def test_two_unknown_lenses_are_refused(two: Recording) -> None:
     pair = replace(two, rig=two.rig.subset([0, 1]), views=two.views[:2])
     with pytest.raises(InputError, match="found two with unknown lenses"):
-        from_people(without_calibration(pair), NOISE, None, KnownLength(), quiet)
+        from_people(without_calibration(pair), NOISE, None, KnownLength(), silent)
 
 
 @pytest.mark.parametrize("lenses", ["known", pytest.param("unknown", marks=pytest.mark.nightly)])
 def test_somebody_who_stands_in_place_is_warned_of(lenses: str) -> None:
     still = standing(734)
     recording = still if lenses == "known" else without_calibration(still)
-    found = from_people(recording, load_noise(detector_of(still)), None, KnownLength(1.72), quiet)
+    found = from_people(recording, load_noise(detector_of(still)), None, KnownLength(1.72), silent)
     assert any("the result may be far off" in words for words in found.notes)
     assert found.expected is not None
     degrees, millimetres = moved_cameras.distances(found.rig, still.rig)
@@ -204,9 +179,9 @@ def test_camera_that_disagrees_is_placed_again_by_the_others(two: Recording, len
         cameras[2] = replace(cameras[2], K=cameras[2].K * [[1.5, 1, 1], [1, 1.5, 1], [1, 1, 1]])
     cameras[2] = disturbed(Rig((cameras[2],)), 60.0, 1.0, 3).cameras[0]
     scene, everyone = scene.with_rig(Rig(tuple(cameras))), np.ones(4, dtype=bool)
-    without = _rounds(scene, everyone, quiet)
+    without = _rounds(scene, everyone, silent)
     assert without is not None and without.fit.poor[2]  # else there is nothing to mend
-    found = _finish(scene, everyone, quiet)
+    found = _finish(scene, everyone, silent)
     assert found is not None and not found.fit.poor.any()
     degrees, millimetres, _ = distances(found.solved.adjusted.rig, two.rig)
     assert degrees < 0.5 and millimetres < 50
@@ -216,7 +191,7 @@ def test_nobody_is_an_error(two: Recording) -> None:
     empty = replace(two.views[1], scores=np.zeros_like(two.views[1].scores))
     views = (two.views[0], empty, *two.views[2:])
     with pytest.raises(InputError, match="cameras: cam1: found no track"):
-        from_people(replace(two, views=views), NOISE, None, KnownLength(), quiet)
+        from_people(replace(two, views=views), NOISE, None, KnownLength(), silent)
 
 
 @pytest.mark.parametrize("calibrated", [True, pytest.param(False, marks=pytest.mark.nightly)])

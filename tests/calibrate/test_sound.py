@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.calibrate.sounds import film, heard, room
+from scipy.signal import fftconvolve
 from tests.cases import each_case
 from tests.cli.commands import refused, run
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.calibrate.synchronise import (
     RATE,
@@ -23,6 +25,65 @@ from e3pose.calibrate.synchronise import (
 from e3pose.camera.source import open_video
 
 pytestmark = pytest.mark.slow
+
+
+def room(rng: np.random.Generator, seconds: float, rate: int, claps: int = 6) -> Floats:
+    """Return `(num_samples,)` of claps and voices in a room."""
+    sound = np.zeros(round(seconds * rate))
+    for begin_s in rng.uniform(0, seconds - 0.5, claps):
+        clap = np.arange(round(0.03 * rate)) / rate
+        begin = round(begin_s * rate)
+        sound[begin : begin + len(clap)] += 8 * rng.normal(size=len(clap)) * np.exp(-clap / 0.006)
+    for begin_s in rng.uniform(0, seconds - 0.5, round(3 * seconds)):
+        time_s = np.arange(round(rng.uniform(0.08, 0.25) * rate)) / rate
+        pitch, begin = rng.uniform(120, 250), round(begin_s * rate)
+        voice = sum(np.sin(2 * np.pi * pitch * n * time_s) / n for n in range(1, 12))
+        sound[begin : begin + len(time_s)] += voice * np.hanning(len(time_s))
+    return sound
+
+
+def heard(
+    sound: Floats,
+    rng: np.random.Generator,
+    rate: int,
+    begin_s: float,
+    seconds: float,
+    noise_share: float = 0.3,
+    fast: float = 0.0,
+) -> Floats:
+    """Return what a microphone hears from `begin_s` on."""
+    time_s = np.arange(round(seconds * rate)) / rate * (1 + fast) + begin_s
+    own = np.interp(time_s * rate, np.arange(len(sound)), sound)
+    late_s = np.arange(1, round(0.3 * rate)) / rate
+    echo = 0.15 * rng.normal(size=len(late_s)) * np.exp(-late_s / 0.05)
+    own = fftconvolve(own, np.concatenate([[1.0], echo]))[: len(own)]
+    return np.asarray(own + rng.normal(size=len(own)) * noise_share * np.sqrt((own**2).mean()))
+
+
+def film(path: Path, sound: Floats | None, rate: int, seconds: float, fps: int = 15) -> None:
+    """Write a film of grey pictures with a sound."""
+    import av
+
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("mpeg4", rate=fps)
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        audio = None if sound is None else container.add_stream("aac", rate=rate, layout="mono")
+        grey = np.full((48, 64, 3), 90, dtype=np.uint8)
+        for index in range(round(seconds * fps)):
+            picture = av.VideoFrame.from_ndarray(grey, format="rgb24")
+            picture.pts, picture.time_base = index, Fraction(1, fps)
+            container.mux(video.encode(picture))
+        container.mux(video.encode(None))
+        if sound is None or audio is None:
+            return
+        loud = (sound / np.abs(sound).max() * 0.8).astype(np.float32)
+        for begin in range(0, len(loud), 1024):
+            part = np.ascontiguousarray(loud[None, begin : begin + 1024])
+            frame = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
+            frame.sample_rate, frame.pts, frame.time_base = rate, begin, Fraction(1, rate)
+            container.mux(audio.encode(frame))
+        container.mux(audio.encode(None))
+
 
 BEGAN_S = {"cam0": 2.0, "cam1": 0.317, "cam2": 4.642}
 QUARTER_FRAME_S = 0.25 / 25
@@ -113,23 +174,17 @@ def test_wrong_films_are_reported(
 
 
 @each_case("peak", [3.0, 3.3, 2.6])
-def test_peak_of_a_parabola_is_found_between_samples(peak: float) -> None:
+def test_peak_of_a_parabola_is_found_between_samples_and_at_an_end(peak: float) -> None:
     values = 5.0 - (np.arange(7, dtype=np.float64) - peak) ** 2
     best = int(values.argmax())
     assert best + subsample_peak(values, best) == pytest.approx(peak)
+    assert subsample_peak(values[best:], 0) == 0.0
+    assert subsample_peak(values[: best + 1], best) == 0.0
 
 
-def test_peak_at_an_end_stays_there() -> None:
-    assert subsample_peak(np.array([3.0, 2.0, 1.0]), 0) == 0.0
-    assert subsample_peak(np.array([1.0, 2.0, 3.0]), 2) == 0.0
-
-
-def test_most_certain_pairs_win_in_either_direction() -> None:
+def test_most_certain_pairs_win_in_either_direction_and_who_has_none_has_no_offset() -> None:
     pairs = [(2, 1, -0.5), (0, 2, 2.0), (0, 1, 9.0), (3, 0, -4.0)]
     assert spanning_tree_offsets(4, pairs).tolist() == [0.0, 1.5, 2.0, 4.0]
-
-
-def test_camera_that_no_pair_links_with_the_first_has_no_offset() -> None:
     offsets = spanning_tree_offsets(4, [(2, 3, 1.0), (0, 1, 5.0)])
     assert offsets[:2].tolist() == [0.0, 5.0]
     assert np.isnan(offsets[2:]).all()
