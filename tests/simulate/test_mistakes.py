@@ -13,12 +13,11 @@ from e3pose.base.arrays import Floats
 from e3pose.recording import Recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.body import Posture, draw_body, joints_of
-from e3pose.simulate.detections import episodes, merge_people, swap_sides
+from e3pose.simulate.detections import episodes, merge_people
 from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.occluders import Box, Occluder, Pillar
 
 pytestmark = pytest.mark.slow
-
 
 FAULTLESS = DetectorSettings(
     noise=0, joint_miss=0, self_occluded_miss=0, behind_head_miss=0, occluded_miss=0,
@@ -153,12 +152,6 @@ def test_overlapping_people_merge_as_often_as_asked_and_the_nearer_one_stays() -
     assert (merged[~gone[:, 0]] == keypoints[~gone[:, 0]]).all()
 
 
-def test_swap_of_nobody_changes_nothing() -> None:
-    keypoints, scores, _ = people_in_a_row()
-    same, _ = swap_sides(keypoints, scores, np.random.default_rng(0), 0.04, 0.0)
-    assert (same == keypoints).all()
-
-
 def standing(x_m: float, y_m: float, yaw: float = 0.0) -> Floats:
     """One upright person with hanging arms: (17, 3)."""
     body = draw_body(np.random.default_rng(3))
@@ -176,37 +169,24 @@ def standing(x_m: float, y_m: float, yaw: float = 0.0) -> Floats:
 CAMERA = np.array([5.0, 0.0, 1.3])
 
 
-def test_person_right_behind_another_is_covered_and_not_the_other_way_round() -> None:
-    people = np.stack([standing(0.0, 0.0), standing(1.5, 0.0)])[None]
-    cover = covered_by_others(CAMERA, people)[0]
+def test_person_behind_another_is_covered_and_nobody_else() -> None:
+    here, nobody = standing(0.0, 0.0), np.full((17, 3), np.nan)
+    cover = covered_by_others(CAMERA, np.stack([here, standing(1.5, 0.0)])[None])[0]
     assert (cover[0] > 0.5).sum() >= 9
     assert cover[1].max() == 0
+    for beside in (standing(1.5, 1.5), nobody):
+        assert covered_by_others(CAMERA, np.stack([here, beside])[None]).max() == 0
+    assert covered_by_self(CAMERA, np.stack([here, nobody])[None])[0, 1].max() == 0
 
 
-def test_person_beside_another_is_not_covered() -> None:
-    people = np.stack([standing(0.0, 0.0), standing(1.5, 1.5)])[None]
-    assert covered_by_others(CAMERA, people).max() == 0
-
-
-def test_people_who_are_away_cover_nobody() -> None:
-    people = np.stack([standing(0.0, 0.0), np.full((17, 3), np.nan)])[None]
-    assert covered_by_others(CAMERA, people).max() == 0
-    assert covered_by_self(CAMERA, people)[0, 1].max() == 0
-
-
-def test_face_shows_to_a_camera_in_front_and_hides_from_behind() -> None:
+def test_face_hides_from_behind_and_the_far_arm_in_profile() -> None:
     facing, away = standing(0.0, 0.0, 0.0), standing(0.0, 0.0, np.pi)
-    cover = covered_by_self(CAMERA, np.stack([facing, away])[None])[0]
+    profile = standing(0.0, 0.0, np.pi / 2)  # the right arm is towards the camera
+    cover = covered_by_self(CAMERA, np.stack([facing, away, profile])[None])[0]
     assert cover[0, :3].max() == 0
     assert cover[1, :3].min() > 0.5
-
-
-def test_far_arm_hides_behind_the_torso_in_profile() -> None:
-    # Facing +y, the right arm is towards the camera and the left one behind the body.
-    person = standing(0.0, 0.0, np.pi / 2)
-    cover = covered_by_self(CAMERA, person[None, None])[0, 0]
-    assert cover[5] > 0.5 and cover[7] > 0.5
-    assert cover[6] == 0 and cover[8] == 0
+    assert cover[2, [5, 7]].min() > 0.5
+    assert cover[2, [6, 8]].max() == 0
 
 
 PILLAR = Pillar(1.0, 0.0, 0.2, 2.0)

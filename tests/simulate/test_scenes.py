@@ -19,7 +19,6 @@ from e3pose.simulate.occluders import Box
 
 pytestmark = pytest.mark.slow
 
-
 ROOMS = ("two-rooms", "l-hall")
 PERFECT = DetectorSettings(perfect=True)
 

@@ -77,10 +77,12 @@ def test_order_of_people_is_shuffled_in_every_view() -> None:
     assert 0.35 < np.mean(np.diff(np.array(firsts).astype(int)) != 0) < 0.65
 
 
-def test_seed_reproduces_and_another_differs() -> None:
+def test_seed_reproduces_another_differs_and_none_is_negative() -> None:
     settings = SceneSettings(seconds=2, people=3)
     assert same(simulate(settings, 4), simulate(settings, 4))
     assert not same(simulate(settings, 4), simulate(settings, 5))
+    with pytest.raises(InputError, match="seed: found -1"):
+        simulate(SceneSettings(seconds=1), -1)
 
 
 def test_lives_do_not_depend_on_cameras_detectors_or_frame_rate() -> None:
@@ -103,16 +105,16 @@ def test_noise_of_one_kind_leaves_the_others_as_they_are() -> None:
         assert np.median(a.scores) == pytest.approx(np.median(b.scores), abs=0.01)
 
 
-@each_case("people", [0, 1, 12])
-def test_any_number_of_people(people: int) -> None:
-    recording = simulate(SceneSettings(seconds=2, people=people), 0)
+@each_case(
+    "people, seconds, fps, slots",
+    [(0, 2, 25, 50), (12, 1, 25, 25), (1, 0.04, 25, 1), (2, 20, 0.5, 10)],
+)
+def test_any_number_of_people_and_slots(
+    people: int, seconds: float, fps: float, slots: int
+) -> None:
+    recording = simulate(SceneSettings(seconds=seconds, fps=fps, people=people), 0)
     assert recording.truth is not None
-    assert recording.truth.joints_m.shape == (50, people, 17, 3)
-
-
-def test_single_slot_and_low_frame_rate() -> None:
-    assert simulate(SceneSettings(seconds=0.04, people=2), 0).num_slots == 1
-    assert simulate(SceneSettings(seconds=20, fps=0.5, people=2), 0).num_slots == 10
+    assert recording.truth.joints_m.shape == (slots, people, 17, 3)
 
 
 def test_progress_rises_to_one() -> None:
@@ -203,8 +205,3 @@ def test_bad_settings_are_named(options: dict[str, object], message: str) -> Non
 def test_bad_detector_settings_are_named(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"detector {name}: found"):
         DetectorSettings(**{name: value})  # type: ignore[arg-type]
-
-
-def test_negative_seed_is_refused() -> None:
-    with pytest.raises(InputError, match="seed: found -1"):
-        simulate(SceneSettings(seconds=1), -1)
