@@ -45,29 +45,18 @@ def test_a_machine_that_is_fast_enough_leaves_nothing_out() -> None:
     loads = run({FULL: 0.7 * INTERVAL_S}, 60)
     assert {load.level for load in loads} == {FULL}
     assert loads[-1].awake == pytest.approx(2)
-
-
-def test_one_slow_slot_changes_nothing() -> None:
     load = after_work(run({FULL: 0.1 * INTERVAL_S}, 10)[-1], 10 * INTERVAL_S, INTERVAL_S, 2)
-    assert load.level == FULL and load.busy < HIGH
+    assert load.level == FULL and load.busy < HIGH  # after one slow slot
 
 
-def test_the_cheaper_choice_comes_first_and_is_kept_while_it_is_needed() -> None:
+def test_the_cheaper_choice_comes_first_then_every_other_slot_and_all_work_comes_back() -> None:
     loads = run({FULL: 1.2 * INTERVAL_S, ROUND_ROBIN: 0.6 * INTERVAL_S}, 120)
     levels = [load.level for load in loads]
     assert levels[-1] == ROUND_ROBIN and levels.count(FULL) * INTERVAL_S < 2 * SETTLED_S
-
-
-def test_where_that_is_not_enough_every_other_slot_goes() -> None:
     slow = {FULL: 3 * INTERVAL_S, ROUND_ROBIN: 1.5 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}
-    assert run(slow, 10)[-1].level == HALF_RATE
-
-
-def test_work_is_taken_up_again_once_there_is_room() -> None:
-    busy = run(
-        {FULL: 2 * INTERVAL_S, ROUND_ROBIN: 2 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}, 10
-    )[-1]
-    quick = dict.fromkeys((FULL, ROUND_ROBIN, HALF_RATE), 0.1 * INTERVAL_S)
+    busy = run(slow, 10)[-1]
+    assert busy.level == HALF_RATE
+    quick = dict.fromkeys(slow, 0.1 * INTERVAL_S)
     assert run(quick, 2 * CALM_S + 5, busy)[-1].level == FULL
 
 
