@@ -20,7 +20,6 @@ from e3pose.recording.record import Recording
 
 pytestmark = pytest.mark.slow
 
-
 FROM_S = 15.0
 RNG_SEED = 5
 
@@ -31,28 +30,21 @@ def calm() -> Recording:
 
 
 def watch_run(
-    recording: Recording, awake: int
+    recording: Recording,
 ) -> tuple[list[tuple[float, str, str | None]], DisplacementWatch]:
-    """Return seconds, kind and camera of all events."""
+    """Return seconds, kind and camera of all events while two cameras look."""
     watch, found = DisplacementWatch(recording.rig), []
-    policy = "all" if awake == len(recording.rig) else "round-robin"
-    for record in replay(recording, ReplaySettings(policy=policy, num_selected=awake)):
+    for record in replay(recording, ReplaySettings(policy="round-robin", num_selected=2)):
         watch.observe(record, selected_views(recording, record.slot, record.arrived))
         found += [(record.time_s, kind, camera) for kind, _, camera in watch.events()]
     return found, watch
 
 
-@pytest.mark.parametrize("awake", [2, 4])
-def test_knock_is_reported_the_right_camera_and_nothing_before(calm: Recording, awake: int) -> None:
-    found, watch = watch_run(knocked(calm, 1, 2.0, 703, FROM_S), awake)
+def test_knock_is_reported_the_right_camera_and_nothing_before(calm: Recording) -> None:
+    found, watch = watch_run(knocked(calm, 1, 2.0, 703, FROM_S))
     assert [(kind, camera) for _, kind, camera in found] == [("camera-moved", "cam1")]
     assert FROM_S < found[0][0] < FROM_S + 35
     assert watch.found is not None and 0.8 < watch.found.degrees < 2.3
-
-
-def test_nothing_is_reported_cameras_that_stand_still(calm: Recording) -> None:
-    found, watch = watch_run(calm, 2)
-    assert found == [] and watch.found is None
 
 
 def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
@@ -116,6 +108,6 @@ def test_camera_counts_as_moved_until_it_is_seen_to_be_back(calm: Recording) -> 
         for record in replay(recording, ReplaySettings(policy="all")):
             later = replace(record, time_s=record.time_s + start_s)
             watch.observe(later, selected_views(recording, record.slot, record.arrived))
-            kinds += [kind for kind, _, _ in watch.events()]
+            kinds += [(kind, camera) for kind, _, camera in watch.events()]
         start_s += recording.num_slots / recording.fps
-    assert kinds == ["camera-moved", "camera-in-place"]
+    assert kinds == [("camera-moved", "cam1"), ("camera-in-place", "cam1")]
