@@ -4,7 +4,7 @@ python lab/benchmarks/attack.py                    # 40 minutes; says how long i
 ATTACK_SECONDS=60 python lab/benchmarks/attack.py  # or --seconds 60; --decodes bounds the fuzzing
 python lab/benchmarks/attack.py --only lies        # or fuzz, files, live, clocks, tested
 python lab/benchmarks/attack.py --rows flood       # of live, lies and tested, rows that match
-python lab/benchmarks/attack.py --write            # and put the table into security.md
+python lab/benchmarks/attack.py --write            # and write attack.md and security.md
 
 Everything is sent to 127.0.0.1, to programs that this one starts, and it ends by itself. What a
 site gives under an attack is compared with what the same site gave just before, so that a slower
@@ -29,6 +29,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ import zenoh
 
 from attack_clocks import clocks
 from attack_doors import Attack, after, doors, operator_of
-from attack_inputs import GROWTH_MB, Report, Result, fuzz, hostile_files
+from attack_inputs import GROWTH_MB, SECOND, Report, Result, fuzz, hostile_files
 from attack_lies import Seen, got, tell, viewer
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
@@ -52,6 +53,7 @@ SHARES = {"fuzz": 0.15, "files": 0.1, "live": 0.25, "lies": 0.5, "clocks": 0.0, 
 TAKES_S = {"fuzz": 90, "files": 240, "live": 340, "lies": 660, "clocks": 380, "tested": 600}
 ROOT = Path(__file__).resolve().parents[2]
 TESTS, PAGE = ROOT / "tests", ROOT / "docs" / "research" / "security.md"
+ROWS = Path(__file__).with_suffix(".md")  # every attack of the last run
 TABLE = re.compile("(?<=<!-- attack -->\n\n).*?(?=\n<!-- end of attack -->)", re.DOTALL)
 IDLE = 200  # connections that say nothing
 ENTRY_S = 60.0  # after which somebody who does not get in gives up
@@ -259,7 +261,8 @@ def under(
         f"{left / 1e6:.0f} MB after"
     )
     kept = came.keeps(without) and (most - rss) / 1e6 < GROWTH_MB
-    return Result(name, figures, len(said) == rounds and kept, f"{MUST}{must}")
+    held, share = len(said) == rounds and kept, came.poses / max(without.poses, 1e-9)
+    return Result(name, figures, held, f"{MUST}{must}", share)
 
 
 # What sends as fast as it can is a program of its own that takes what the site leaves of the cores:
@@ -379,7 +382,7 @@ def live(seconds: float, words: str, report: Report) -> None:
             result = under(target, seen, name, seconds * share, rounds, attack, must)
             if not result.held:  # by another program that took the cores, perhaps
                 report(replace(result, again=True))
-                again = f"{name}, a second time"
+                again = f"{name}{SECOND}"
                 result = under(target, seen, again, seconds * share, rounds, attack, must)
             report(result)
         report(after(site))
@@ -420,11 +423,11 @@ class Course:
 
     Attributes:
         left_s: by part, what it takes; those that are over are not in it.
-        results: of all rows.
+        parts: results by part.
     """
 
     left_s: dict[str, float]
-    results: list[Result] = field(default_factory=list)
+    parts: dict[str, list[Result]] = field(default_factory=dict)
     _part: str = ""
     _begun_s: float = 0.0
 
@@ -443,32 +446,37 @@ class Course:
     def report(self, result: Result) -> None:
         """Take the result of a row, and say it in a line."""
         if not result.again:
-            self.results.append(result)
+            self.parts.setdefault(self._part, []).append(result)
         word = "held" if result.held else "AGAIN" if result.again else "FAILED"
         word = "left out" if result.left_out else word
         said = f"{word:8}  {result.name}; must be: {result.must}; was: {result.figures}"
         print(f"{said} ({self.left_words()})", flush=True)
 
-    def table(self, command: str) -> str:
-        """Return a table for the page: a row for each attack, one for all lies of a kind."""
-        alike: dict[str, list[Result]] = {}
-        for one in self.results:
-            alike.setdefault(one.alike or one.name, []).append(one)
-        lines = ["| tried | must be | was |", "|---|---|---|"]
-        for name, each in alike.items():
-            said = each[0].figures
-            if len(each) > 1 or each[0].alike:
-                bad = [one.name for one in each if not one.held]
-                said = f"{len(each) - len(bad)} of {len(each)} held" + "".join(
-                    f"; {b}" for b in bad
-                )
-            elif not each[0].held or each[0].left_out:
-                said = f"**{'left out' if each[0].left_out else 'did not hold'}**: {said}"
-            cells = (" ".join(c.replace("|", "/").split()) for c in (name, each[0].must, said))
-            lines.append(f"| {' | '.join(cells)} |")
-        day, busy = datetime.date.today().isoformat(), os.getloadavg()[2]
-        head = f"{day}, {os.cpu_count()} cores, load {busy:.1f}: `{command}`"
-        return "\n".join([head, "", *lines, ""])
+    def rows(self, command: str) -> str:
+        """Return the page of all rows."""
+        lines = [_head(command), "", "| tried | must be | was |", "|---|---|---|"]
+        for one in chain(*self.parts.values()):
+            word = "**left out**: " if one.left_out else "" if one.held else "**did not hold**: "
+            cells = (one.name, one.must, f"{word}{one.figures}")
+            lines.append(f"| {' | '.join(' '.join(c.replace('|', '/').split()) for c in cells)} |")
+        return "\n".join(["# What was tried last", "", *lines, ""])
+
+    def sums(self, command: str) -> str:
+        """Return the table of the page: a row for each part."""
+        heads = "part", "held", "at the second try", "least poses, % of those just before"
+        lines = [_head(command), "", f"| {' | '.join(heads)} |", "|---|---|---|---|"]
+        for part, found in self.parts.items():
+            tried = [one for one in found if not one.left_out]
+            again = sum(one.name.endswith(SECOND) for one in tried)
+            kept = [100 * one.kept for one in tried if one.kept == one.kept]
+            cells = f"{sum(one.held for one in tried)} of {len(tried)} | {again}"
+            lines.append(f"| `{part}` | {cells} | {f'{min(kept):.0f}' if kept else ''} |")
+        return "\n".join([*lines, ""])
+
+
+def _head(command: str) -> str:
+    day, busy = datetime.date.today().isoformat(), os.getloadavg()[2]
+    return f"{day}, {os.cpu_count()} cores, load {busy:.1f}: `{command}`"
 
 
 def main() -> None:
@@ -476,7 +484,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=os.environ.get("ATTACK_SECONDS", "600"))
     parser.add_argument("--only", choices=SHARES, action="append", help="leave out the rest")
     parser.add_argument("--rows", default="", help="of live, lies and tested, those that match")
-    parser.add_argument("--write", action="store_true", help=f"put the table into {PAGE.name}")
+    parser.add_argument("--write", action="store_true", help=f"write {ROWS.name}, and {PAGE.name}")
     parser.add_argument("--decodes", type=float, default=5e6, help="messages to fuzz at most")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -495,17 +503,18 @@ def main() -> None:
     for part in list(course.left_s):
         course.begin(part)
         parts[part]()
-    missed = [result.name for result in course.results if not result.held]
-    left_out = sum(result.left_out for result in course.results)
+    results = [*chain(*course.parts.values())]
+    missed = [one.name for one in results if not one.held]
+    left_out = sum(one.left_out for one in results)
     busy, cores = os.getloadavg()[2], os.cpu_count() or 1
     print(
-        f"{len(missed)} of {len(course.results)} did not hold, {left_out} were left out; load "
+        f"{len(missed)} of {len(results)} did not hold, {left_out} were left out; load "
         f"{busy:.1f} on {cores} cores" + "".join(f"\n  {name}" for name in missed)
     )
     if options.write:
-        words = ["python", "lab/benchmarks/attack.py", *sys.argv[1:]]
-        table = course.table(shlex.join(words))
-        PAGE.write_text(TABLE.sub(lambda _: table, PAGE.read_text()))
+        command = shlex.join(["python", "lab/benchmarks/attack.py", *sys.argv[1:]])
+        ROWS.write_text(course.rows(command))
+        PAGE.write_text(TABLE.sub(lambda _: course.sums(command), PAGE.read_text()))
     sys.exit(1 if missed else 0)
 
 

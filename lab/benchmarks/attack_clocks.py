@@ -12,7 +12,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
-from attack_inputs import Report, Result
+from attack_inputs import SECOND, Report, Result
 from attack_lies import POSES_SHARE, Seen, got, viewer
 from e3pose.site.up import Program
 from e3pose.wire.keys.authority import LEAF_DAYS
@@ -112,10 +112,12 @@ class _Trials:
         self._fps = SLEEPERS_FPS if where else FPS
         self._rest = math.inf  # poses per second of the site before anything was tried
         self._usual = 0.0  # the same just before a trial, where that is less
+        self._kept = math.nan  # share of it that came, for the next row
         self._moved = {name: [0.0, 0.0] for name in offsets}
 
     def _row(self, name: str, figures: str, held: bool, must: str) -> Result:
-        return Result(f"{self._where}{name}", figures, held, must)
+        kept, self._kept = self._kept, math.nan
+        return Result(f"{self._where}{name}", figures, held, must, kept)
 
     def tell(self, trial: Callable[..., Result], *given: Any) -> None:
         """Report what comes of a trial; where it does not hold, of a second one."""
@@ -124,7 +126,7 @@ class _Trials:
             self._report(replace(result, again=True))
             self._back_s(time.monotonic())
             result = trial(*given)
-            result = replace(result, name=f"{result.name}, a second time")
+            result = replace(result, name=f"{result.name}{SECOND}")
         self._report(result)
 
     def _move(self, name: str, steady_s: float = 0.0, system_s: float = 0.0) -> None:
@@ -168,6 +170,7 @@ class _Trials:
         ids = {f"cam{index}" for index in range(honest)}
         found = got(self.seen, ids, since_s, time.monotonic()).poses
         words = f"{found:.1f} poses per second, {self._usual:.1f} at rest"
+        self._kept = found / max(self._usual, 1e-9)
         return found > POSES_SHARE * self._usual, words
 
     def usual(self) -> Result:

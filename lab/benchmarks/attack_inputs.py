@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import random
 import tempfile
 import time
@@ -31,6 +32,7 @@ from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, O
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 from hostile_trials import NO_ERRORS
 
+SECOND = ", a second time"  # at the end of the name of what is tried once more
 GROWTH_MB = 100.0  # more than this, and something was kept
 BATCH = 1000  # decodes between two looks at the clock
 NUMBERS: tuple[Any, ...] = (
@@ -49,7 +51,7 @@ class Result:
         figures: what was measured, in words.
         held: whether everything held.
         must: what must be, in words.
-        alike: what it and others are called in a table that has one row for them.
+        kept: poses per second, as a share of those just before; NaN where nobody counted.
         again: whether it is tried once more.
         left_out: whether it could not be tried here.
     """
@@ -58,7 +60,7 @@ class Result:
     figures: str
     held: bool
     must: str
-    alike: str = ""
+    kept: float = math.nan
     again: bool = False
     left_out: bool = False
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 
-from attack_inputs import Report, Result
+from attack_inputs import SECOND, Report, Result
 from e3pose.base.clock import WallClock
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
@@ -217,7 +217,6 @@ def tell(seconds: float, words: str, report: Report) -> None:
                     said = f"{number} liars, {which}"
                     report(Result(said, one.summary(), one.poses > 0, "poses come"))
                 _while(transports, HONEST, number, 4.0, seen, honest)
-                alike = f"lies of {number} of {CAMERAS} cameras"
                 for lie, each_s in lies_to_tell(seconds):
                     if not re.search(words, name := f"{number} liars, {lie.name}"):
                         continue
@@ -229,8 +228,9 @@ def tell(seconds: float, words: str, report: Report) -> None:
                         found = _while(transports, lie, number, each_s, seen, honest)
                         _while(transports, HONEST, number, PAUSE_S, seen, honest)
                         held = _held(found, before, gone.or_worse(before))
-                        said = f"{name}, a second time" if again else name
-                        result = Result(said, found.summary(), held, MUST, alike)
+                        said = f"{name}{SECOND}" if again else name
+                        kept = found.poses / max(before.poses, 1e-9)
+                        result = Result(said, found.summary(), held, MUST, kept)
                         report(replace(result, again=not held and not again))
                         if held:
                             break
@@ -279,7 +279,7 @@ def show(
         )
         harmless = lie.name.startswith("every")  # some extremes are what honest cameras say
         held = found.poses > POSES_SHARE * usual.poses and shown > 0 and (harmless or not false)
-        report(Result(lie.name, said, held, must, "pictures that lie"))
+        report(Result(lie.name, said, held, must, found.poses / max(usual.poses, 1e-9)))
     transports[-1].lie = HONEST
     transport.close()
 

@@ -12,7 +12,7 @@ import hostile_inputs
 import hostile_tables
 import hostile_videos
 from attack import FPS, PAGE, ROOTS, TABLE, TESTED, TESTS, Course, Pace
-from attack_inputs import Result
+from attack_inputs import SECOND, Result
 from attack_lies import Seen
 
 pytestmark = pytest.mark.slow
@@ -73,17 +73,20 @@ def test_every_row_says_what_was_tried_what_must_be_and_what_was(
     course.begin("tested")
     course.report(Result(f"{ROOTS}a disk", "SKIPPED: mount", True, "passes", left_out=True))
     for held in (True, False):
-        course.report(Result(f"a lie {held}", "25 poses", held, "22 poses", "lies"))
+        course.report(Result(f"a lie {held}", "25 poses", held, "22 poses", 0.9 + held / 20))
+    course.report(Result(f"a knock{SECOND}", "24 poses", True, "22 poses", 0.96))
     said = capsys.readouterr().out
     assert "-- files, about 12 min left" in said and "-- tested, about 8 min left" in said
     line = "held      a flood; must be: 22 poses; was: 12 | 25 poses (about 10 min left)"
     assert line in said
     assert all(f"\n{word}" in said for word in ("AGAIN ", "FAILED ", "left out "))
-    table = course.table("make attack")
-    assert "`make attack`" in table and "load" in table
-    assert "| a flood | 22 poses | 1 of 2 held; a flood |" in table
-    assert f"| {ROOTS}a disk | passes | **left out**: SKIPPED: mount |" in table
-    assert "| lies | 22 poses | 1 of 2 held; a lie False |" in table
+    rows, sums = course.rows("make attack"), course.sums("make attack")
+    assert all("`make attack`" in each and "load" in each for each in (rows, sums))
+    assert "| a flood | 22 poses | 12 / 25 poses |" in rows
+    assert "| a flood | 22 poses | **did not hold**: 12 / 25 poses |" in rows
+    assert f"| {ROOTS}a disk | passes | **left out**: SKIPPED: mount |" in rows
+    assert "| `files` | 1 of 2 | 0 |  |" in sums
+    assert "| `tested` | 2 of 3 | 1 | 90 |" in sums
     assert TABLE.sub("\0", PAGE.read_text()).count("\0") == 1, "the page has its place"
 
 
