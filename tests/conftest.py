@@ -68,6 +68,15 @@ def postgres() -> Iterator[Server]:
         yield server
 
 
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of real recordings and networks, for the tests that are marked so."""
+    folder = os.environ.get("E3POSE_SHARED")
+    if not folder:
+        pytest.skip("E3POSE_SHARED is not set")
+    return Path(folder)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def no_waiting_for_disks() -> Iterator[None]:
     """Skip `fsync`: tests read what was written, and none cuts the power."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +14,14 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
 
-SHARED = os.environ.get("E3POSE_SHARED")
-pytestmark = [
-    pytest.mark.shared,
-    pytest.mark.parity,
-    pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set"),
-]
+pytestmark = [pytest.mark.shared, pytest.mark.parity]
 
 
 @pytest.fixture(scope="module")
-def shelf() -> Recording:
+def shelf(shared: Path) -> Recording:
     from e3pose_lab.datasets.shelf import import_shelf
 
-    return import_shelf(Path(SHARED or "") / "data" / "shelf" / "shelf.npz")
+    return import_shelf(shared / "data" / "shelf" / "shelf.npz")
 
 
 def figures(source: Recording, **options: Any) -> dict[str, Any]:

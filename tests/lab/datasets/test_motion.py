@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -8,15 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.cases import each_case
+from tests.cli.commands import run
 
 from e3pose.base.errors import InputError
-from e3pose.cli import main
 from e3pose.model.skeleton import CMU31
 from e3pose.recording import load_recording
 from e3pose_lab.datasets.motion import BONES, cmu_clips, default_ring, import_cmu
-
-SHARED = os.environ.get("E3POSE_SHARED")
-needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 
 
 def _body(num_slots: int) -> NDArray[np.float64]:
@@ -106,29 +102,19 @@ def test_an_archive_without_clips_is_refused(tmp_path: Path) -> None:
 def test_command_makes_a_recording_of_every_clip(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = _save(tmp_path / "clips.npz")
-    tokens = ["import", "cmu", str(source), str(tmp_path / "cmu")]
-    _run(tokens)
+    words = ("import", "cmu", _save(tmp_path / "clips.npz"))
+    assert run(*words, tmp_path / "cmu") == 0
     assert sorted(path.name for path in (tmp_path / "cmu").iterdir()) == ["07_01", "07_02"]
     assert load_recording(tmp_path / "cmu" / "07_01").num_slots == 40
-    _run(["import", "cmu", str(source), str(tmp_path / "one"), "--clip", "07_02"])
+    assert run(*words, tmp_path / "one", "--clip", "07_02") == 0
     assert load_recording(tmp_path / "one").num_slots == 3
-    with pytest.raises(SystemExit, match="2"):
-        main(tokens)
+    assert run(*words, tmp_path / "cmu") == 2
     assert "--overwrite" in capsys.readouterr().err
 
 
-def _run(tokens: list[str]) -> None:
-    try:
-        main(tokens)
-    except SystemExit as stop:
-        assert not stop.code
-
-
-@needs_shared
 @pytest.mark.shared
-def test_real_clips_are_people_on_the_floor() -> None:
-    source = Path(str(SHARED)) / "data/cmu_mocap/cmu_mocap_train_30fps.npz"
+def test_real_clips_are_people_on_the_floor(shared: Path) -> None:
+    source = shared / "data/cmu_mocap/cmu_mocap_train_30fps.npz"
     assert "02_10" in cmu_clips(source)
     truth = import_cmu(source, "02_10").truth
     assert truth is not None

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,6 @@ from e3pose.base.errors import InputError
 from e3pose.recording import Recording
 from e3pose.recording.problems import find_problems
 from e3pose_lab.datasets.panoptic import import_panoptic
-
-SHARED = os.environ.get("E3POSE_SHARED")
-needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 
 # A camera 3 m from the middle, 1.5 m high, that looks along world y: in Panoptic's axes (x right, y
 # down, z away) it needs no rotation, only the shift of its centre (0, -150, -300) cm.
@@ -76,8 +72,8 @@ def _load(source: Path, **options: Any) -> Recording:
     return import_panoptic(source, cameras=["3", "00_06"], **options)
 
 
-@pytest.mark.parametrize("kind", ["npz", "folder"])
-def test_truth_is_in_metres_with_z_up(tmp_path: Path, kind: str) -> None:
+@each_case("kind", ["npz", "folder"])
+def test_truth_is_in_metres_with_z_up_before_the_same_cameras(tmp_path: Path, kind: str) -> None:
     source = _save_npz(tmp_path / "p.npz") if kind == "npz" else _save_folder(tmp_path / "p")
     recording = _load(source)
     assert recording.truth is not None
@@ -89,12 +85,7 @@ def test_truth_is_in_metres_with_z_up(tmp_path: Path, kind: str) -> None:
     assert np.isnan(recording.truth.joints_m[0, 1, 5]).all()
     assert not np.isnan(recording.truth.joints_m[1, 1, 5]).any()
     assert all(len(series.slots) == 0 for series in recording.views)
-
-
-@pytest.mark.parametrize("kind", ["npz", "folder"])
-def test_cameras_see_in_our_world_what_they_saw_in_panoptics(tmp_path: Path, kind: str) -> None:
-    source = _save_npz(tmp_path / "p.npz") if kind == "npz" else _save_folder(tmp_path / "p")
-    rig = _load(source).rig
+    rig = recording.rig
     assert rig.camera_ids == ("00_03", "00_06")
     np.testing.assert_allclose(rig.centers_m, [[0, -3, 1.5], [1, -3, 1.5]], atol=1e-9)
     # By the published formula: x = (20, -20, 350) / 350, with Brown's distortion.
@@ -186,12 +177,9 @@ def test_detections_and_projected_truth_exclude_each_other(tmp_path: Path) -> No
         _load(_save_npz(tmp_path / "p.npz"), detections=tmp_path, project_truth=True)
 
 
-@needs_shared
 @pytest.mark.shared
-def test_the_band_stands_on_the_floor_in_front_of_the_papers_cameras() -> None:
-    recording = import_panoptic(
-        Path(str(SHARED)) / "data/panoptic/160906_band1.npz", project_truth=True
-    )
+def test_the_band_stands_on_the_floor_in_front_of_the_papers_cameras(shared: Path) -> None:
+    recording = import_panoptic(shared / "data/panoptic/160906_band1.npz", project_truth=True)
     assert recording.rig.camera_ids == ("00_03", "00_06", "00_12", "00_13", "00_23")
     assert recording.truth is not None
     heights_m = recording.truth.joints_m[..., 2]
@@ -201,10 +189,9 @@ def test_the_band_stands_on_the_floor_in_front_of_the_papers_cameras() -> None:
     assert {problem.kind for problem in find_problems(recording)} == {"flat-scores"}
 
 
-@needs_shared
 @pytest.mark.shared
-def test_a_sequence_without_calibration_takes_one() -> None:
-    folder = Path(str(SHARED)) / "data/panoptic"
+def test_a_sequence_without_calibration_takes_one(shared: Path) -> None:
+    folder = shared / "data/panoptic"
     source = folder / "171026_pose3_train.npz"
     with pytest.raises(InputError, match="'cam_names' is missing"):
         import_panoptic(source)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from scipy.io import savemat
 from tests.cases import each_case
 
+from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.model.rigs import ring_rig
@@ -22,25 +24,35 @@ RIG = ring_rig(3, 6.0, 2.5, (360, 288), np.random.default_rng(0))
 FRAMES = 8
 
 
-def publish(folder: Path) -> Path:
-    """A data set of three cameras, two actors and eight frames; actor 2 is there in frame 5."""
+def write_published(
+    folder: Path, matrices: Iterable[Floats], labels: Sequence[Sequence[Floats]]
+) -> None:
+    """Write projection matrices, folders of images, and poses `(14, 3)` by actor and frame."""
     (folder / "Calibration").mkdir(parents=True)
-    for number, camera in enumerate(RIG.cameras):
-        matrix = (
-            -3.0 * camera.projection if number == 1 else camera.projection
-        )  # of any scale and sign
+    for number, matrix in enumerate(matrices):
         np.savetxt(folder / "Calibration" / f"P{number}.txt", matrix, delimiter=",")
         (folder / f"Camera{number}").mkdir()
+    actors = np.empty((1, len(labels)), dtype=object)
+    for actor, frames in enumerate(labels):
+        actors[0, actor] = np.empty((len(frames), 1), dtype=object)
+        for frame, pose in enumerate(frames):
+            actors[0, actor][frame, 0] = pose
+    savemat(folder / "actorsGT.mat", {"actor3D": actors})
+
+
+NOBODY = np.zeros((0, 0))
+
+
+def publish(folder: Path) -> Path:
+    """A data set of three cameras, two actors and eight frames; actor 2 is there in frame 5."""
+    scales = (1.0, -3.0, 1.0)  # of any scale and sign
+    first = [np.full((14, 3), 0.1 * frame) for frame in range(FRAMES)]
+    second = [pose if frame == 5 else NOBODY for frame, pose in enumerate(first)]
+    matrices = (k * c.projection for k, c in zip(scales, RIG.cameras, strict=True))
+    write_published(folder, matrices, [first, second])
+    for number in range(3):
         for frame in range(2, FRAMES):
             (folder / f"Camera{number}" / f"img_{frame:06d}.png").touch()
-    actors = np.empty((1, 2), dtype=object)
-    for actor in range(2):
-        poses = np.empty((FRAMES, 1), dtype=object)
-        for frame in range(FRAMES):
-            there = actor == 0 or frame == 5
-            poses[frame, 0] = np.full((14, 3), 0.1 * frame) if there else np.zeros((0, 0))
-        actors[0, actor] = poses
-    savemat(folder / "actorsGT.mat", {"actor3D": actors})
     return folder
 
 
@@ -63,9 +75,7 @@ def test_labels_and_cameras_are_read(source: Path) -> None:
     assert recording.truth is not None and np.isnan(recording.truth.joints_m).all()  # not scored
 
 
-def test_frames_outside_the_protocol_are_not_scored(
-    source: Path,
-) -> None:
+def test_frames_outside_the_protocol_are_not_scored(source: Path) -> None:
     layout = type(CAMPUS)("Campus", "calibration_campus.json", 3, (360, 288), (4, 6), ((5, 6),))
     recording = import_published(source, layout)
     assert recording.truth is not None

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,6 @@ from e3pose.base.errors import InputError
 from e3pose.model.skeleton import BODY25, COCO17
 from e3pose.recording.problems import find_problems, truth_distances_px
 from e3pose_lab.datasets.shelf import import_shelf
-
-SHARED = os.environ.get("E3POSE_SHARED")
-needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 
 
 def _arrays() -> dict[str, Any]:
@@ -91,10 +87,9 @@ def test_a_wrong_array_is_named(tmp_path: Path, change: dict[str, Any], message:
     assert "\n" not in str(caught.value)
 
 
-@needs_shared
 @pytest.mark.shared
-def test_the_published_counts_of_labelled_frames() -> None:
-    recording = import_shelf(Path(str(SHARED)) / "data/shelf/shelf.npz")
+def test_the_published_counts_of_labelled_frames(shared: Path) -> None:
+    recording = import_shelf(shared / "data/shelf/shelf.npz")
     assert recording.truth is not None
     assert recording.num_slots == 301
     labelled = np.any(recording.truth.annotated, axis=2).sum(axis=0).tolist()
@@ -106,10 +101,9 @@ def test_the_published_counts_of_labelled_frames() -> None:
     assert find_problems(recording) == []
 
 
-@needs_shared
 @pytest.mark.shared
-def test_body25_and_coco17_are_the_same_detections() -> None:
-    source = Path(str(SHARED)) / "data/shelf/shelf.npz"
+def test_body25_and_coco17_are_the_same_detections(shared: Path) -> None:
+    source = shared / "data/shelf/shelf.npz"
     coco, body = import_shelf(source), import_shelf(source, "body25")
     assert (coco.skeleton, body.skeleton) == (COCO17, BODY25)
     columns = [BODY25.index(name) for name in COCO17.joints]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -20,23 +19,16 @@ from e3pose_lab.prediction.tally import figures
 from e3pose_lab.train.windows import estimation_noise
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
-SHARED = os.environ.get("E3POSE_SHARED")
-pytestmark = [
-    pytest.mark.shared,
-    pytest.mark.parity,
-    pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set"),
-]
+pytestmark = [pytest.mark.shared, pytest.mark.parity]
 
 HELD_OUT = ("01_06", "01_14", "02_02", "02_07")  # the clips that the model card names
 HISTORY, LEADS = 10, 15
 SIMPLE = sorted(name for name in PREDICTORS if name.endswith("velocity"))
 
 
-def windows() -> tuple[Floats, Floats]:
+def windows(shared: Path) -> tuple[Floats, Floats]:
     """Return histories and futures `(num_slots, num_windows, 31, 3)` of the held-out clips."""
-    source = Path(SHARED or "") / "cmu_mocap" / "cmu_mocap_train_30fps.npz"
-    if not source.exists():
-        source = Path(SHARED or "") / "data" / "cmu_mocap" / "cmu_mocap_train_30fps.npz"
+    source = shared / "data" / "cmu_mocap" / "cmu_mocap_train_30fps.npz"
     pieces = []
     for clip in HELD_OUT:
         truth = import_cmu(source, clip).truth
@@ -64,8 +56,8 @@ def spoilt(history: Floats) -> Floats:
     return noisy
 
 
-def test_exact_histories_beat_every_simple_predictor_at_every_lead() -> None:
-    history, future = windows()
+def test_exact_histories_beat_every_simple_predictor_at_every_lead(shared: Path) -> None:
+    history, future = windows(shared)
     ours = errors("attention-lstm", history, future)
     simple = {name: errors(name, history, future) for name in SIMPLE}
     for name, theirs in simple.items():
@@ -73,8 +65,8 @@ def test_exact_histories_beat_every_simple_predictor_at_every_lead() -> None:
     assert ours[9] < 0.57 * simple["constant-velocity"][9]
 
 
-def test_noisy_histories_beat_every_simple_predictor_at_every_lead() -> None:
-    history, future = windows()
+def test_noisy_histories_beat_every_simple_predictor_at_every_lead(shared: Path) -> None:
+    history, future = windows(shared)
     history = spoilt(history)
     ours = errors("attention-lstm", history, future)
     best = np.min([errors(name, history, future) for name in SIMPLE], axis=0)
@@ -82,8 +74,8 @@ def test_noisy_histories_beat_every_simple_predictor_at_every_lead() -> None:
     assert (ours[4:] < 0.70 * best[4:]).all()
 
 
-def test_the_papers_network_is_ahead_of_no_motion_on_people_it_never_saw() -> None:
-    folder = Path(SHARED or "") / "data" / "panoptic"
+def test_the_papers_network_is_ahead_of_no_motion_on_people_it_never_saw(shared: Path) -> None:
+    folder = shared / "data" / "panoptic"
     recording = import_panoptic(
         folder / "171026_pose3_train.npz", calibration=folder / "160906_band1.npz"
     )
@@ -98,8 +90,8 @@ def test_the_papers_network_is_ahead_of_no_motion_on_people_it_never_saw() -> No
                 assert ours["box_iou"][lead] > still["box_iou"][lead], (histories, lead)
 
 
-def test_expected_errors_are_honest() -> None:
-    history, future = windows()
+def test_expected_errors_are_honest(shared: Path) -> None:
+    history, future = windows(shared)
     for given in (history, spoilt(history)):
         prediction = make_predictor("attention-lstm", CMU31).predict(given, 1 / 30, LEADS)
         expected = body_errors(prediction.error_m, CMU31).ravel()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,11 +27,8 @@ def found() -> SubsetFigures:
 def test_every_subset_of_every_slot_is_there(found: SubsetFigures) -> None:
     assert found.slots == [5, 10, 15]
     assert len(found.subsets) == 31 and found.subsets[-1] == [0, 1, 2, 3, 4]
-    assert np.array(found.matched).shape == (3, 31) == np.array(found.error_m).shape
-
-
-def test_one_camera_finds_nobody_and_five_find_most(found: SubsetFigures) -> None:
     matched = np.array(found.matched)
+    assert matched.shape == (3, 31) == np.array(found.error_m).shape
     assert (matched[:, :5] == 0).all()
     assert (matched[:, -1] >= matched[:, 5:15].max(axis=1) - 1).all()
     assert (np.array(found.occlusion)[:, -1] >= np.array(found.occlusion)[:, 0]).all()
@@ -74,14 +70,10 @@ def test_the_true_occlusion_is_less_where_it_decides() -> None:
     assert seeing.cameras == pytest.approx(blind.cameras)
 
 
-SHARED = os.environ.get("E3POSE_SHARED")
-
-
 @pytest.mark.shared
 @pytest.mark.parity
-@pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
-def test_readings_of_the_table_are_in_order_and_one_is_what_is_shown() -> None:
-    shelf = import_shelf(Path(SHARED or "") / "data" / "shelf" / "shelf.npz")
+def test_readings_of_the_table_are_in_order_and_one_is_what_is_shown(shared: Path) -> None:
+    shelf = import_shelf(shared / "data" / "shelf" / "shelf.npz")
     settings = ReplaySettings(pipeline="paper", policy="random", num_selected=3)
     records = list(replay(shelf, settings))
     readings = pcp_readings(shelf, records)
