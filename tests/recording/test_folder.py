@@ -186,14 +186,8 @@ def linked(target: str) -> Break:
         (new(VIEW, '{"slot":1,', '{"slot":0,'), "cam1.jsonl:2: slot: found 0, expected more"),
         (new(VIEW, '"people":[[[', '"people":[[[NaN,'), "cam1.jsonl:1: "),
         (instead(VIEW, os.mkfifo), "cam1.jsonl: found a pipe"),
-        (
-            linked("/dev/zero"),
-            "cam1.jsonl: found a pipe, socket or device",
-        ),
-        (
-            linked("/etc/passwd"),
-            r"cam1.jsonl:1: JSON is malformed",
-        ),
+        (linked("/dev/zero"), "cam1.jsonl: found a pipe, socket or device"),
+        (linked("/etc/passwd"), r"cam1.jsonl:1: JSON is malformed"),
         (whole("keypoints/eve.jsonl", b""), "eve.jsonl: camera 'eve' is not in calibration.toml"),
         (gone(TRUTH), "truth.jsonl: file not found"),
         (_drop_last_line(TRUTH), "truth.jsonl: found 39 lines, expected one for each of 40"),

@@ -23,27 +23,20 @@ def near(name: str) -> Path:
 
 
 @each_case(
-    "source", ["usb:0", "gstreamer:v4l2src ! appsink", "rtsp://10.0.0.2/stream", "udp://@:5000"]
+    ("source", "place", "at"),
+    [
+        *((each, None, each) for each in ("usb:0", "rtsp://10.0.0.2/stream", "udp://@:5000")),
+        ("gstreamer:v4l2src ! appsink", None, "gstreamer:v4l2src ! appsink"),
+        ("cam1.mp4", "cam1.mp4", "/site/cam1.mp4"),
+        ("/films/cam1.mp4", "/films/cam1.mp4", "/films/cam1.mp4"),
+        ("recorded:take 1", "take 1", "recorded:/site/take 1"),
+    ],
 )
-def test_devices_and_streams_have_no_place(source: str) -> None:
-    assert place_of(source) is None
-    assert located(source, near) == source
-
-
-def test_files_are_relative_to_the_settings_file() -> None:
-    assert located("cam1.mp4", near) == "/site/cam1.mp4"
-    assert located("/films/cam1.mp4", near) == "/films/cam1.mp4"
-
-
-def test_recordings_keep_their_prefix() -> None:
-    assert located("recorded:take 1", near) == "recorded:/site/take 1"
-    assert place_of("recorded:take 1") == "take 1"
-    assert is_recorded("recorded:take 1")
-    assert not is_recorded("cam1.mp4")
-    assert not is_recorded(None)
-
-
-def test_recording_without_a_name_is_refused() -> None:
+def test_files_and_recordings_have_a_place_near_the_settings_file(
+    source: str, place: str | None, at: str
+) -> None:
+    assert place_of(source) == place and located(source, near) == at
+    assert is_recorded(source) == source.startswith("recorded:") and not is_recorded(None)
     with pytest.raises(InputError, match="recorded:RECORDING"):
         located("recorded:", near)
 

@@ -661,67 +661,51 @@ def mutated_bytes(content: bytes, rng: np.random.Generator) -> bytes:
     return content[:at] + odd[int(rng.integers(len(odd)))] + content[at + kind :]
 
 
-@each_case(
-    "form", ["deeplabcut", "caliscope", "sleap", "yolo", "array", "deeplabcut.h5", "sleap.h5"]
-)
-def test_odd_tables_and_arrays_are_read_or_named(tmp_path: Path, form: str) -> None:
-    suffix = {"array": "npy", "yolo": "txt", "deeplabcut.h5": "h5", "sleap.h5": "h5"}
-    source = tmp_path / f"cam1.{suffix.get(form, 'csv')}"
+CONTENTS: dict[str, Any] = {
+    "openpose": openpose(person(), person()), "results": [RESULT, RESULT], "whole": [WHOLE],
+    "mmpose": {"instance_info": [MMPOSE, MMPOSE]},
+    "images": {**TABLE, "annotations": [{**RESULT, "image_id": 7}]},
+    "arrays": {"keypoints": [[row[:2] for row in person()]], "scores": [[0.9] * 17]},
+    "landmarks": {"people": [{"landmarks": LANDMARKS}]},
+    "columns": [{"keypoints": COLUMNS}],
+    "alphapose": [{**RESULT, "image_id": f"{i}.jpg"} for i in (4, 4, 5)],
+    "named": {f"{i}.jpg": {"version": 0.1, **openpose(person())} for i in (4, 5)},
+    "hands": HANDS_AND_FACE, "deeplabcut": DLC, "caliscope": POINTS, "sleap": SLEAP, "yolo": YOLO,
+}  # fmt: skip
+PLACES = {
+    "alphapose": "cam1.json", "named": "cam1.json", "yolo": "cam1.txt", "array": "cam1.npy",
+    **dict.fromkeys(("deeplabcut", "caliscope", "sleap"), "cam1.csv"),
+    **dict.fromkeys(("results", "whole", "images"), "all.json"),
+    **dict.fromkeys(("deeplabcut.h5", "sleap.h5"), "cam1.h5"),
+}  # fmt: skip
+
+
+@each_case("form", [*CONTENTS, "array", "deeplabcut.h5", "sleap.h5"])
+def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) -> None:
+    file = write(tmp_path / "in" / PLACES.get(form, "cam1/4.json"), CONTENTS.get(form, ""))
     if form == "array":
-        np.save(source, ARRAY)
+        np.save(file, ARRAY)
     elif form == "deeplabcut.h5":
         names = [("net", name, coord) for name in DLC_NAMES for coord in ("x", "y", "likelihood")]
-        deeplabcut_h5(source, pickle.dumps(names, 0), [np.ravel(person())] * 2)
+        deeplabcut_h5(file, pickle.dumps(names, 0), [np.ravel(person())] * 2)
     elif form == "sleap.h5":
-        sleap_h5(source, True)
-    else:
-        forms = {"deeplabcut": DLC, "caliscope": POINTS, "sleap": SLEAP, "yolo": YOLO}
-        write(source, forms[form])
-    content, rng = source.read_bytes(), np.random.default_rng(len(form))
-    calibration = rig_of(tmp_path, "cam1") if form != "caliscope" else rig_of(tmp_path, "a1", "b2")
+        sleap_h5(file, True)
+    content, rng = CONTENTS.get(form), np.random.default_rng(len(form))
+    whole = file.read_bytes()
+    calibration = rig_of(tmp_path, *(("a1", "b2") if form == "caliscope" else ("cam1",)))
     read = 0
     for _ in range(24):
-        changed = content
-        for _ in range(int(rng.integers(1, 3))):
-            changed = mutated_bytes(changed, rng) or b" "
-        source.write_bytes(changed)
+        changed: Any = whole if isinstance(content, str | None) else content
+        for _ in range(int(rng.integers(1, 4))):
+            if isinstance(changed, bytes):
+                changed = mutated_bytes(changed, rng) or b" "
+            else:
+                changed = mutated(changed, rng)
+        file.write_bytes(changed if isinstance(changed, bytes) else json.dumps(changed).encode())
         try:
+            in_folder = file.parent.name == "cam1" or file.name == "cam1.json"
+            source = tmp_path / "in" if in_folder else file
             read += import_detections(source, calibration, 25)[0].num_slots > 0
         except InputError as error:
             assert "\n" not in str(error) and len(str(error)) < 1000
-    assert read > 0
-
-
-@each_case(
-    "form", ["openpose", "results", "whole", "mmpose", "images", "arrays", "landmarks", "columns",
-             "alphapose", "named", "hands"]
-)  # fmt: skip
-def test_odd_files_of_every_form_are_read_or_named(tmp_path: Path, form: str) -> None:
-    content: Any = {
-        "openpose": openpose(person(), person()), "results": [RESULT, RESULT], "whole": [WHOLE],
-        "mmpose": {"instance_info": [MMPOSE, MMPOSE]},
-        "images": {**TABLE, "annotations": [{**RESULT, "image_id": 7}]},
-        "arrays": {"keypoints": [[row[:2] for row in person()]], "scores": [[0.9] * 17]},
-        "landmarks": {"people": [{"landmarks": LANDMARKS}]},
-        "columns": [{"keypoints": COLUMNS}],
-        "alphapose": [{**RESULT, "image_id": f"{i}.jpg"} for i in (4, 4, 5)],
-        "named": {f"{i}.jpg": {"version": 0.1, **openpose(person())} for i in (4, 5)},
-        "hands": HANDS_AND_FACE,
-    }[form]  # fmt: skip
-    calibration, rng = rig_of(tmp_path, "cam1", "cam2"), np.random.default_rng(len(form))
-    one = form in ("results", "whole", "images")
-    name = "cam1.json" if form in ("alphapose", "named") else "cam1/4.json"
-    source = tmp_path / ("all.json" if one else "in")
-    read = 0
-    for _ in range(24):
-        changed = content
-        for _ in range(int(rng.integers(1, 4))):
-            changed = mutated(changed, rng)
-        write(source if one else source / name, changed)
-        try:
-            recording, _ = import_detections(source, calibration, 25)
-        except InputError as error:
-            assert "\n" not in str(error) and len(str(error)) < 1000
-        else:
-            read += recording.num_slots > 0
     assert read > 0

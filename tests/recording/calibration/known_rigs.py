@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -89,29 +88,30 @@ def _toml_fields(camera: Known) -> list[str]:
 
 
 def write_anipose(folder: Path, cameras: tuple[Known, ...]) -> Path:
-    lines = []
-    for index, camera in enumerate(cameras):
-        lines += [f"[cam_{index}]", f"name = {json.dumps(camera.name)}", *_toml_fields(camera), ""]
+    lines = _tables(cameras, "cam_{index}")
     return _write(folder / "calibration.toml", [*lines, "[metadata]", "adjusted = false"])
 
 
 def write_pose2sim(folder: Path, cameras: tuple[Known, ...]) -> Path:
-    lines = []
-    for camera in cameras:
-        key = json.dumps(camera.name)
-        lines += [f"[{key}]", f"name = {key}", *_toml_fields(camera), "fisheye = false", ""]
+    lines = _tables(cameras, "{name}", "fisheye = false")
     lines += ["[metadata]", "adjusted = false", "error = 0.0"]
     return _write(folder / "Calib_qualisys.toml", lines)
 
 
 def write_caliscope(folder: Path, cameras: tuple[Known, ...]) -> Path:
+    turned = [replace(c, extra={"rotation_count": 0, **c.extra}) for c in cameras]
+    lines = _tables(turned, "cameras.{index}", "port = {index}", 'exposure = "null"')
+    return _write(folder / "camera_array.toml", lines)
+
+
+def _tables(cameras: Sequence[Known], heading: str, *more: str) -> list[str]:
+    """Return a table of TOML for each camera; {index} and {name} stand for those of the camera."""
     lines = []
     for index, camera in enumerate(cameras):
-        lines += [f"[cameras.{index}]", f"port = {index}", f"name = {json.dumps(camera.name)}"]
-        if "rotation_count" not in camera.extra:
-            lines.append("rotation_count = 0")
-        lines += [*_toml_fields(camera), 'exposure = "null"', ""]
-    return _write(folder / "camera_array.toml", lines)
+        name = json.dumps(camera.name)
+        own = [line.format(index=index, name=name) for line in (f"[{heading}]", *more)]
+        lines += [own[0], f"name = {name}", *own[1:], *_toml_fields(camera), ""]
+    return lines
 
 
 def write_qualisys(folder: Path, cameras: tuple[Known, ...]) -> Path:
@@ -234,27 +234,16 @@ WRITERS: dict[str, Writer] = {
 }
 
 
-class CalibrationFiles:
-    """What the tests of this folder share: known cameras, and files that hold them."""
-
-    known = KNOWN
-    points_m = POINTS_M
-    formats = tuple(WRITERS)
-
-    @staticmethod
-    def write(format: str, folder: Path, cameras: tuple[Known, ...] = KNOWN) -> Path:
-        return WRITERS[format](folder, cameras)
-
-    @staticmethod
-    def pixels(camera: Known) -> Floats:
-        return np.array([textbook_pixels(camera, point) for point in POINTS_M])
-
-    @staticmethod
-    def with_second(**changes: Any) -> tuple[Known, ...]:
-        """Return the known cameras with fields of the second one changed."""
-        return (KNOWN[0], replace(KNOWN[1], **changes), KNOWN[2])
+def write(format: str, folder: Path, cameras: tuple[Known, ...] = KNOWN) -> Path:
+    """Write cameras as a program writes them; return the file."""
+    return WRITERS[format](folder, cameras)
 
 
-@pytest.fixture
-def files() -> CalibrationFiles:
-    return CalibrationFiles()
+def pixels(camera: Known) -> Floats:
+    """Return `(40, 2)` pixels of the known points."""
+    return np.array([textbook_pixels(camera, point) for point in POINTS_M])
+
+
+def with_second(**changes: Any) -> tuple[Known, ...]:
+    """Return the known cameras with fields of the second one changed."""
+    return (KNOWN[0], replace(KNOWN[1], **changes), KNOWN[2])
