@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.calibrate.people_scenes import distances, knocked, walk, without_calibration
-from tests.cases import each_case
-from tests.cli.commands import refused, run
+from tests.cli.commands import run
 
 from e3pose.calibrate.align import Move
 from e3pose.calibrate.recordings import first_seconds
@@ -61,14 +60,6 @@ def test_people_calibrate_a_bare_recording(
     printed = capsys.readouterr().out
     assert "expected error of a joint" in printed and "cam3" in printed
     assert (folders / "error.png").read_bytes().startswith(b"\x89PNG")
-
-
-@each_case("height", ["5cm", "49cm", "2.6m", "178m"])
-def test_nobody_is_as_tall(height: str, folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("extrinsics", folders / "bare", folders / "tall.toml", "--height", height)
-    err = refused(capsys, "calibrate", *words)
-    assert f"--height: found {height}, expected the height of people, 0.5 to 2.5 m" in err
-    assert not (folders / "tall.toml").exists()
 
 
 def test_points_calibrate_with_one_distance(
@@ -172,36 +163,6 @@ def test_sync_says_what_to_record_where_little_is_seen(
     save_recording(first_seconds(recording, 3.0), tmp_path / "known")
     assert run("sync", tmp_path / "known", "--max-shift", "1") == 0
     assert "are too little" not in capsys.readouterr().err
-
-
-@each_case(
-    ("words", "named"),
-    [
-        (("extrinsics", "a.mp4"), "found 1 path"),
-        (("extrinsics", "a.mp4", "b.mp4", "{top}/x.toml"), "--intrinsics: found none"),
-        (("extrinsics", "{top}/known", "{top}/x.toml", "--limb", "knee=4cm"), "--limb: found"),
-        (
-            ("extrinsics", "{top}/known", "{top}/x.toml", "--limb", "knee,left_ankle=43cm"),
-            "--limb: found 'knee', expected two of nose",
-        ),
-        (
-            ("extrinsics", "{top}/known", "{top}/x.toml", "--distance", "cam0,cam9=3m"),
-            "--distance: found 'cam9', expected two of cam0",
-        ),
-        (
-            ("extrinsics", "{top}/known", "{top}/x.toml", "--ball", "green"),
-            "a recording of people, expected videos",
-        ),
-        (("extrinsics", "{top}/known", "{top}/x.toml", "--seconds", "0"), "--seconds: found 0"),
-        (("align", "{top}/yup.toml", "{top}/x.toml", "--up=w"), "--up: found 'w'"),
-        (("align", "{top}/yup.toml", "{top}/x.toml", "--points=1,2"), "--points: expected"),
-        (("check", "{top}/known", "--picture", "x.pdf"), "--picture: found 'x.pdf'"),
-    ],
-)
-def test_wrong_input_is_one_line(
-    folders: Path, words: tuple[str, ...], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert named in refused(capsys, "calibrate", *(word.format(top=folders) for word in words))
 
 
 def test_one_camera_is_placed_anew_from_what_a_site_recorded(

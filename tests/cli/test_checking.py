@@ -99,15 +99,6 @@ def test_people_are_compared_with_the_calibration_of_a_site_that_does_not_run(
         assert said in found[1], found
 
 
-def test_an_event_that_nobody_knows_is_reported(
-    site: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = site / "site.toml"
-    file.write_text(file.read_text() + '[events]\nkinds = ["flying"]\n')
-    code, _, err = checked(site, capsys)
-    assert code == 2 and "events.kinds: found 'flying', expected one of fall" in err
-
-
 def test_certificates_are_reported_with_the_command_that_mends_them(
     site: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -115,10 +106,7 @@ def test_certificates_are_reported_with_the_command_that_mends_them(
     (site / "keys/cameras/cam1/camera.pem").write_text("damaged")
     code, out, err = checked(site, capsys)
     assert code == 1 and err.startswith("e3pose: Not ready: 2 problems, ") and err.count("\n") == 1
-    for camera_id, expected in (
-        ("cam0", "certificate expired on"),
-        ("cam1", "camera.pem: "),
-    ):
+    for camera_id, expected in (("cam0", "certificate expired on"), ("cam1", "camera.pem: ")):
         assert expected in out
         assert f"-> e3pose keys add {camera_id} --again --keys lab/keys, then copy" in out
         assert run("keys", "add", camera_id, "--again", "--keys", site / "keys") == 0

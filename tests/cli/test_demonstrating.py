@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +13,7 @@ import psutil
 import pytest
 from tests.cli.commands import refused, run
 from tests.site.left_by_site import status_of
-from tests.waiting import commands_below, eventually
+from tests.waiting import commands_below
 
 from e3pose.base.errors import InputError
 from e3pose.camera.source import open_video
@@ -68,7 +65,8 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[Program]]:
     ) -> Status:
         found.append(programs)
         status = status_of(site.file.name, 24, list(site.cameras), None)
-        assert not over(None) and not over(replace_slot(status, 3)) and over(status)
+        early = status_of(site.file.name, 3, ["cam0"], None)
+        assert not over(None) and not over(early) and over(status)
         return status
 
     monkeypatch.setattr(
@@ -76,10 +74,6 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[Program]]:
     )
     monkeypatch.setattr("e3pose.site.detector_speed.time_detections", measured)
     return found
-
-
-def replace_slot(status: Status, slot: int) -> Status:
-    return status_of(status.site, slot, ["cam0"], None)
 
 
 def test_offline_leaves_the_same_files_of_a_simulated_scene(
@@ -187,12 +181,6 @@ def test_taken_destination_is_one_line_and_code_2(
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("demo", "--help") == 0
-    out = capsys.readouterr().out
-    assert "e3pose demo" in out and "--offline" in out and "simulated" in out
-
-
 @pytest.mark.nightly  # tests/live runs `up`, and the tests above all but the programs
 def test_demo_runs_a_site_of_real_processes(tmp_path: Path) -> None:
     dest = tmp_path / "demo"
@@ -206,27 +194,3 @@ def test_demo_runs_a_site_of_real_processes(tmp_path: Path) -> None:
         assert "Traceback" not in log.read_text()
     after = commands_below(psutil.Process())
     assert not [c for p, c in after.items() if p not in before and "e3pose" in " ".join(c)]
-
-
-@pytest.mark.nightly  # a demo more; tests/live ends sites by a signal
-def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "e3pose", "demo", "demo", "--offline"]
-    demo = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    watched = psutil.Process(demo.pid)
-
-    def started() -> bool:
-        """Return whether an edge and four cameras run, which end with the demo if it is killed."""
-        commands = commands_below(watched).values()
-        return sum("--end-with-parent" in command for command in commands) == 5
-
-    try:
-        assert eventually(lambda: demo.poll() is not None or started(), 120.0)
-        children = watched.children(recursive=True)
-        demo.send_signal(signal.SIGINT)
-        _, output = demo.communicate(timeout=60)
-    finally:
-        demo.kill()
-    assert demo.returncode == 130 and output.decode().strip().endswith("e3pose: interrupted")
-    _, alive = psutil.wait_procs(children, timeout=0)
-    assert not [child for child in alive if child.status() != psutil.STATUS_ZOMBIE]
-    assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []

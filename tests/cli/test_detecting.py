@@ -1,10 +1,5 @@
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +9,6 @@ import av
 import numpy as np
 import pytest
 from tests.cli.commands import refused, run
-from tests.distributions import ROOT
 
 from e3pose.cli import detecting
 from e3pose.model.camera import Camera, Rig
@@ -27,33 +21,20 @@ pytestmark = pytest.mark.slow
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 12
 
-# Detects in 0.1 s, so that a run can be stopped halfway.
-SLOW = """
-import sys, time
-from tests.cli.test_detecting import Brightness
-from e3pose.cli import detecting, main
 
-class Slow(Brightness):
-    def detect(self, image):
-        time.sleep(0.1)
-        return super().detect(image)
-
-detecting._detector = lambda *_: (Slow([]), "slow")
-main(sys.argv[1:])
-"""
-
-
-class Brightness:
-    """Sees the brightness of a frame."""
+class Interrupted:
+    """Sees the brightness of a frame, and ends after so many as Ctrl-C does."""
 
     skeleton = COCO17
 
-    def __init__(self, seen: list[float]) -> None:
-        self.seen = seen
+    def __init__(self, frames: int) -> None:
+        self.left = frames
 
     def detect(self, image: np.ndarray[Any, Any]) -> Poses2D:
-        self.seen.append(round(float(image.mean())))
-        return Poses2D(np.full((1, 17, 2), self.seen[-1]), np.full((1, 17), 0.5))
+        self.left -= 1
+        if self.left < 0:
+            raise KeyboardInterrupt
+        return Poses2D(np.full((1, 17, 2), image.mean()), np.full((1, 17), 0.5))
 
 
 class Middle:
@@ -85,25 +66,6 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(detecting, "_detector", lambda *_: (Middle(), "middle"))
 
 
-def slow(words: Sequence[str]) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", SLOW, "detect", *words],
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-
-
-def wait_for_lines(partial: Path, count: int) -> None:
-    """Return when the unfinished work holds so many lines."""
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        if sum(p.read_bytes().count(b"\n") for p in partial.glob("keypoints/*.jsonl")) >= count:
-            return
-        time.sleep(0.02)
-    raise AssertionError("no line was written")
-
-
 def test_videos_then_destination(
     tmp_path: Path, fake: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -119,93 +81,46 @@ def test_options_reach_the_recording(
     tmp_path: Path, fake: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one, *rest = site(tmp_path, ["cam1"])
-    words = [
-        "--fps",
-        "20",
-        "--start",
-        "0.1",
-        "--max-slots",
-        "5",
-        "--offset",
-        "cam1=-0.05",
-        "--link-videos",
-    ]
-    assert run("detect", one, str(tmp_path / "out"), *rest, *words) == 0
+    words = ("--fps", 20, "--start", 0.1, "--max-slots", 5, "--offset", "cam1=-0.05")
+    assert run("detect", one, tmp_path / "out", *rest, *words, "--link-videos") == 0
     recording = load_recording(tmp_path / "out")
     assert recording.num_slots == 5
     link = tmp_path / "out" / "videos" / recording.videos["cam1"]
     assert link.is_symlink() and link.resolve() == tmp_path / "cam1.mp4"
     assert "skipped, no video: cam2" in capsys.readouterr().out
+    for option, value, message in (
+        ("--start", 1000, "none has a frame"),
+        ("--offset", "cam7=1", "'cam7', which is not in the rig"),
+        ("--rotation", "cam7=90", "'cam7', which is not in the rig"),
+    ):
+        assert message in refused(capsys, "detect", one, tmp_path / "none", *rest, option, value)
+        assert not [*tmp_path.glob("none*")]
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--offset", "cam1"], "CAMERA=SECONDS"),
-        (["--offset", "cam1=soon"], "CAMERA=SECONDS"),
-        (["--offset", "cam7=1"], "'cam7', which is not in the rig"),
-        (["--link-videos", "--copy-videos"], "at most one"),
-        (["--fps", "0"], "fps"),
-        (["--every", "0"], "every"),
-        (["--start", "1000"], "none has a frame"),
-    ],
-)
-def test_wrong_option_is_one_line_and_code_2(
-    tmp_path: Path,
-    fake: None,
-    capsys: pytest.CaptureFixture[str],
-    words: list[str],
-    expected: str,
-) -> None:
-    one, two, *rest = site(tmp_path)
-    before = set(tmp_path.iterdir())
-    assert expected in refused(capsys, "detect", one, two, tmp_path / "out", *rest, *words)
-    assert set(tmp_path.iterdir()) == before
-
-
-@pytest.mark.parametrize("option", ["--model", "--family"])
-def test_unknown_model_or_family_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
-) -> None:
-    one, two, *rest = site(tmp_path)
-    words = [option, "nonsense"] + (["--model", "x.onnx"] if option == "--family" else [])
-    assert "nonsense" in refused(capsys, "detect", one, two, tmp_path / "out", *rest, *words)
-
-
-def test_killed_and_interrupted_run_continues(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_interrupted_run_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = site(tmp_path)
     words.insert(2, str(tmp_path / "out"))
-    partial = tmp_path / "out.partial"
-    process = slow(words)
-    wait_for_lines(partial, 5)
-    process.kill()
-    process.communicate()
-    done = sum(p.read_bytes().count(b"\n") for p in partial.glob("keypoints/*.jsonl"))
-    assert 5 <= done < 2 * FRAMES and not (tmp_path / "out").exists()
-    process = slow(words)
-    wait_for_lines(partial, done + 2)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert process.returncode == 130
+    detector = Interrupted(5)
+    monkeypatch.setattr(detecting, "_detector", lambda *_: (detector, "bright"))
+    assert run("detect", *words) == 130
+    error = capsys.readouterr().err
     assert "out.partial keeps the work" in error and error.count("\n") == 1
-    looked = list[float]()
-    monkeypatch.setattr(detecting, "_detector", lambda *_: (Brightness(looked), "slow"))
+    assert not (tmp_path / "out").exists()
+    detector.left = 2 * FRAMES - 5
     assert run("detect", *words) == 0
-    assert 0 < len(looked) <= 2 * FRAMES - done - 2, "nothing is looked at again"
-    recording = load_recording(tmp_path / "out")
-    for series in recording.views:
+    assert detector.left == 0, "nothing is looked at again"
+    for series in load_recording(tmp_path / "out").views:
         assert series.slots.tolist() == list(range(FRAMES))
         levels = series.keypoints_px[:, 0, 0]
         np.testing.assert_allclose(levels, 20 + 10 * np.arange(FRAMES), atol=3)
-    assert not partial.exists()
+    assert not (tmp_path / "out.partial").exists()
 
 
 @pytest.mark.shared
-@pytest.mark.skipif(not os.environ.get("E3POSE_SHARED"), reason="E3POSE_SHARED is not set")
-def test_network_file_is_recognised(tmp_path: Path) -> None:
-    folder = Path(os.environ["E3POSE_SHARED"]) / "models"
+def test_network_file_is_recognised(tmp_path: Path, shared: Path) -> None:
+    folder = shared / "models"
     one, *rest = site(tmp_path, ["cam1"])
     path = str(folder / "movenet-multipose/movenet_multipose_lightning_dynamic.onnx")
     words = ["--model", path, "--max-slots", "2", "--threads", "1"]

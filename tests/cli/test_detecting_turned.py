@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.cli.commands import refused, run
+from tests.cli.commands import run
 from tests.rigs import looking
 
 from e3pose.camera.orientation import Orientation
@@ -153,21 +153,3 @@ def test_work_begun_with_another_rotation_is_not_continued(
         run("detect", *words)
     assert run("detect", *words, "--rotation", "cam2=90") == 2
     assert "rotation of cam2: none, now 90 degrees" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("word", "expected"),
-    [
-        ("cam2", "CAMERA=DEGREES"),
-        ("cam2=45", "CAMERA=DEGREES with 0, 90, 180 or 270"),
-        ("cam2=-90", "CAMERA=DEGREES"),
-        ("=90", "CAMERA=DEGREES"),
-        ("cam7=90", "'cam7', which is not in the rig"),
-    ],
-)
-def test_wrong_rotation_is_one_line(
-    folder: Path, capsys: pytest.CaptureFixture[str], word: str, expected: str
-) -> None:
-    words = [str(folder / "cam1.mkv"), str(folder / "out")]
-    options = ["--calibration", str(folder / "rig.toml"), "--rotation", word]
-    assert expected in refused(capsys, "detect", *words, *options)

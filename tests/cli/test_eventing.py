@@ -37,11 +37,3 @@ def test_an_empty_room_says_so_and_ends_with_1(
     assert run("events", "test", saved(tmp_path, people=0), "--json", "-") == 1
     seen = json.loads(capsys.readouterr().out)
     assert seen["told"] == [] and "Nobody was seen" in seen["result"]
-
-
-def test_options_of_recordings_are_refused_with_a_site(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("events", "test", tmp_path / "site.toml", "--cameras", 2) == 2
-    assert "--cameras: found 2 with a site, expected a recording" in capsys.readouterr().err
-    assert run("events", "test", tmp_path / "none.toml") == 2

@@ -57,16 +57,3 @@ def test_json_holds_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -
     assert content["truth"] is None
     kinds = [(problem["kind"], problem["where"]) for problem in content["problems"]]
     assert kinds == [("lost-views", "right"), ("sees-nobody", "right")]
-
-
-def test_an_unreadable_recording_is_one_line_and_exit_code_2(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = folder / "keypoints" / "left.jsonl"
-    path.write_bytes(path.read_bytes()[:-30])
-    for tokens in ((), ("--json", "-")):
-        assert run("info", folder, *tokens) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.count("\n") == 1
-        assert "left.jsonl:3" in captured.err

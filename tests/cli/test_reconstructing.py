@@ -183,23 +183,6 @@ def test_one_bar_over_all_steps_is_lines_without_a_terminal(
     assert all(line.endswith(" min left") for line in lines)
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "FILM...: found 0, expected films of three cameras or more without --calibration"),
-        (("a.mp4", "b.mp4"), "found 2, expected films of three cameras"),
-        (("a.mp4", "b.mp4", "c.mp4"), "a.mp4: found no file"),
-        (("a.toml",), "a.toml: file not found"),
-        (("a.mp4", "--calibration", "absent.toml"), "absent.toml: file not found"),
-    ],
-)
-def test_what_cannot_be_reconstructed_is_named(
-    words: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("reconstruct", *words, "--out", tmp_path / "out") == Exit.REFUSED
-    assert message in capsys.readouterr().err
-
-
 def test_parts_heights_and_states_are_checked(
     films: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

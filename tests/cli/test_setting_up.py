@@ -24,14 +24,6 @@ def test_setup_prints_where_it_is_and_makes_the_folder(
     assert run("setup", *words) == 0, "a site is chosen on the page"
 
 
-def test_setup_is_for_this_machine_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("setup", tmp_path / "room", "--listen", "0.0.0.0:0") == 2
-    assert "an address of loopback" in capsys.readouterr().err
-    assert not (tmp_path / "room").exists()
-
-
 def alone(monkeypatch: pytest.MonkeyPatch, terminal: bool) -> None:
     monkeypatch.setattr(sys, "argv", ["e3pose"])
     for stream in (sys.stdin, sys.stdout):

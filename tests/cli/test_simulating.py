@@ -57,19 +57,9 @@ def test_takes_a_users_rig(tmp_path: Path) -> None:
     first, second = load_recording(tmp_path / "first"), load_recording(tmp_path / "second")
     assert first.rig.camera_ids == second.rig.camera_ids
     np.testing.assert_allclose(first.rig.centers_m, second.rig.centers_m, atol=1e-6)
-
-
-def test_existing_folder_is_kept_and_a_recording_replaced_only_when_asked(tmp_path: Path) -> None:
-    dest, mine = tmp_path / "scene", tmp_path / "mine"
-    mine.mkdir()
-    (mine / "notes.txt").write_text("precious")
-    assert run(str(mine), "--seconds", "0.2") == 2
-    assert (mine / "notes.txt").read_text() == "precious"
-    assert run(str(dest), "--seconds", "0.2") == 0
-    assert run(str(dest), "--seconds", "0.4") == 2
-    assert load_recording(dest).num_slots == 5
-    assert run(str(dest), "--seconds", "0.4", "--overwrite") == 0
-    assert load_recording(dest).num_slots == 10
+    assert run(str(tmp_path / "first"), "--seconds", "0.4") == 2
+    assert run(str(tmp_path / "first"), "--seconds", "0.4", "--overwrite") == 0
+    assert load_recording(tmp_path / "first").num_slots == 10
 
 
 def test_errors_and_their_figures_reach_the_scene(

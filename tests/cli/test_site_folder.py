@@ -99,15 +99,3 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
     assert run("export", lab / "live.db", file, *words) == 0
     (header,) = file.read_text().splitlines()
     assert header.startswith("run,") and ("time" in header or what == "tracks"), header
-
-
-def test_query_of_a_site_without_a_store_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write_recorded(
-        tmp_path, simulate(SceneSettings(people=2, seconds=0.4, cameras=3), seed=0)
-    )
-    path.write_text(path.read_text().replace('[store]\npath = "live.db"\n', ""))
-    assert run("query", tmp_path) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1 and "site.toml: missing: [store] path" in err, err

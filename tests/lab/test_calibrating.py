@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.cases import each_case
-from tests.cli.commands import refused, run
+from tests.cli.commands import run
 
 from e3pose.model.noises import load_noise_file
 from e3pose.recording import save_recording
@@ -41,21 +40,3 @@ def test_noise_is_measured_written_drawn_and_used(
     out.write_text(out.read_text().replace("e3pose-noise", "e3pose-news"))
     assert run(*used) == 2
     assert "noise.toml: format: found 'e3pose-news'" in capsys.readouterr().err
-
-
-@each_case(
-    ("tokens", "named"),
-    [
-        (("--seconds", "0"), "--seconds"),
-        (("--seconds", "nan"), "--seconds"),
-        (("--plot", "a.png"), "--plot"),
-        (("--out", "{recording}/calibration.toml"), "found a file of the recording"),
-        (("--seconds", "0.04"), "found 0 keypoints"),
-    ],
-)
-def test_wrong_option_is_one_line(
-    folder: Path, tokens: tuple[str, str], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    option, value = tokens
-    words = ("noise", folder, option, value.format(recording=folder))
-    assert named in refused(capsys, "calibrate", *words)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import run
 
-from e3pose.cli import main
 from e3pose.recording import save_recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
 
+predicted = partial(run, "evaluate-predictor")
 BASELINES = "zero-velocity,constant-velocity,damped-velocity"
 
 
@@ -30,20 +32,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def _run(*tokens: object) -> int:
-    try:
-        main(["evaluate-predictor", *(str(token) for token in tokens)])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
-
-
 def test_figures_of_truth_and_of_estimates(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "out.json"
-    assert _run(folder / "known", folder / "unknown", "--predictors", BASELINES, "--leads", "5,1",
-                "--json", file) == 0  # fmt: skip
+    assert predicted(folder / "known", folder / "unknown", "--predictors", BASELINES,
+                     "--leads", "5,1", "--json", file) == 0  # fmt: skip
     report = json.loads(file.read_text())
     assert report["settings"]["leads"] == [1, 5]
     known, unknown = report["recordings"]
@@ -69,14 +63,14 @@ def test_the_same_seed_gives_the_same_figures(folder: Path, tmp_path: Path) -> N
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         tokens = (folder / "known", "--predictors", "damped-velocity", "--leads", "2", "--every", 5,
                   "--seed", seed, "--json", tmp_path / name)  # fmt: skip
-        assert _run(*tokens) == 0
+        assert predicted(*tokens) == 0
     a, b, c = (json.loads((tmp_path / name).read_text())["pooled"]["noisy"] for name in "abc")
     assert a == b != c
 
 
 def test_plot_is_a_page_without_need_of_a_network(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "curves.html"
-    assert _run(folder / "known", "--predictors", "zero-velocity", "--every", 10,
+    assert predicted(folder / "known", "--predictors", "zero-velocity", "--every", 10,
                 "--plot", page) == 0  # fmt: skip
     text = page.read_text()
     assert "zero-velocity, noisy" in text
@@ -87,15 +81,15 @@ def test_pictures_are_drawn_and_replaced_only_when_asked(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tokens = (folder / "known", "--predictors", "zero-velocity", "--every", 10, "--pictures")
-    assert _run(*tokens, tmp_path / "drawn") == 0
+    assert predicted(*tokens, tmp_path / "drawn") == 0
     names = {path.name for path in (tmp_path / "drawn").iterdir()}
     assert names == {"skeletons.svg", "error-by-lead.svg"}  # nobody states an expected error
-    assert _run(*tokens, tmp_path / "drawn") == 2
+    assert predicted(*tokens, tmp_path / "drawn") == 2
     assert "--overwrite" in capsys.readouterr().err
-    assert _run(*tokens, tmp_path / "drawn", "--overwrite") == 0
+    assert predicted(*tokens, tmp_path / "drawn", "--overwrite") == 0
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work")
-    assert _run(*tokens, tmp_path / "mine", "--overwrite") == 2
+    assert predicted(*tokens, tmp_path / "mine", "--overwrite") == 2
     assert (tmp_path / "mine" / "thesis.txt").exists()
 
 
@@ -103,56 +97,7 @@ def test_slots_choose_a_part(folder: Path, tmp_path: Path) -> None:
     tokens = (folder / "known", "--predictors", "zero-velocity", "--leads", 1, "--json")
     counts = []
     for slots in ("0:75", "0:40", "0:40,45:75"):
-        assert _run(*tokens, tmp_path / "a.json", "--slots", slots) == 0
+        assert predicted(*tokens, tmp_path / "a.json", "--slots", slots) == 0
         counts.append(json.loads((tmp_path / "a.json").read_text())["recordings"][0]["windows"])
     # The last slot of all has no window, that of a part before another has one without a future.
     assert counts == [2 * 65, 2 * 30, 2 * (31 + 20)]  # ten of history before the first
-
-
-def test_results_do_not_replace_what_they_are_made_from(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _run(folder / "known", "--json", folder / "known" / "recording.toml") == 2
-    assert "found a file of the recording" in capsys.readouterr().err
-    assert _run(folder / "known", "--json", tmp_path) == 2
-
-
-@pytest.mark.parametrize(
-    ("tokens", "message"),
-    [
-        (("--slots", "5"), "--slots: found '5'"),
-        (("--slots", "70:80"), "slots: found 70:80, expected a part of 0:75"),
-        (("--leads", "1,x"), "--leads: found '1,x'"),
-        (("--leads", "0"), "leads: found (0,)"),
-        (("--leads", "301"), "1 to 300"),
-        (("--leads", ""), "--leads: found ''"),
-        (
-            ("--predictors", "zero-velocity,crystal-ball"),
-            "predictor: found 'crystal-ball', expected one of",
-        ),
-        (("--history", "0"), "history: found 0"),
-        (("--history", "500", "--predictors", BASELINES), "found nobody in 500 consecutive slots"),
-        (("--missing", "1"), "missing: found 1"),
-        (("--noise-mm", "nan"), "noise: found nan"),
-        (("--noise-mm", "-1"), "noise: found"),
-        (("--seed", "-1"), "seed and every: found -1 and 1"),
-        (("--every", "0"), "seed and every: found 0 and 0"),
-        (("--plot", "curves.txt"), "--plot: found 'curves.txt'"),
-    ],
-)
-def test_wrong_option_is_one_line_and_exit_code_2(
-    folder: Path, tokens: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _run(folder / "known", *tokens) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.count("\n") == 1
-    assert message in captured.err
-
-
-def test_recordings_must_be_given_and_exist(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _run() == 2
-    assert _run(tmp_path / "absent") == 2
-    assert "absent" in capsys.readouterr().err

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cases import each_case
-from tests.cli.commands import refused, run
+from tests.cli.commands import run
 from tests.cli.one_person import one_person
 
 from e3pose.energy.queues import load_profile
@@ -57,32 +56,6 @@ def test_store_answers_what_the_replay_wrote(recording: Path, tmp_path: Path) ->
     (one,) = Store(store).runs()
     assert one.run.site == "walk"
     assert one.run.cameras == ("c0", "c1", "c2")
-
-
-@each_case(
-    ("options", "named"),
-    [
-        (["--store", "/nowhere/at.db"], "no folder /nowhere"),
-        (["--store", "RECORDING/recording.toml"], "a file of the recording"),
-        (["--keep", "30d"], "no --store"),
-        (["--store", "s.db", "--keep", "soon"], "soon"),
-        (["--store", "s.db", "--max-size", "3"], "such as 20GB"),
-        (["--store", "bogus://there"], "bogus"),
-    ],
-)
-def test_wrong_store_is_one_line(
-    recording: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    options: list[str],
-    named: str,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    words = [word.replace("RECORDING", str(recording)) for word in options]
-    before = (recording / "recording.toml").read_bytes()
-    assert named in refused(capsys, "replay", recording, "--cameras", "2", *words)
-    assert (recording / "recording.toml").read_bytes() == before
 
 
 def test_a_layout_has_the_same_columns_from_every_verb(recording: Path, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import fields
 from pathlib import Path
 from typing import Literal
 
@@ -18,35 +17,6 @@ from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose_lab.cli.learning import TrainingOptions, learn_replay, list_versions, rollback
 from e3pose_lab.cli.training import DataOptions, NetworkOptions, StepOptions, train
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("hold_out", 0.95),
-        ("hold_out", float("nan")),
-        ("history", 3),
-        ("leads", 0),
-        ("hidden", 100_000),
-        ("dropout", 1.0),
-        ("steps", 0),
-        ("minutes", 0.0),
-        ("batch", 1),
-        ("seed", -1),
-        ("combinations", 0),
-        ("jobs", 0),
-    ],
-)
-def test_an_impossible_option_is_named(tmp_path: Path, option: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"--{option.replace('_', '-')}: found"):
-        kinds = {"data": DataOptions, "network": NetworkOptions, "optimisation": StepOptions}
-        given = {
-            name: kind(**{option: value})
-            for name, kind in kinds.items()
-            if option in {field.name for field in fields(kind)}
-        }
-        train([tmp_path], out=tmp_path / "out", **given)
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.fixture
