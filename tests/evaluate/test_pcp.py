@@ -86,6 +86,12 @@ def test_unlabelled_actors_and_limbs_are_not_scored() -> None:
     assert counts.total.sum(axis=1).tolist() == [8, 0]
     assert counts.right.sum(axis=1).tolist() == [8, 0]
     assert "actor2" not in pcp_percent(counts, ["actor1", "actor2"])
+    counts = count_parts([BODY[None]], np.stack([BODY, UNLABELLED, BODY])[None])
+    # No average without all three actors.
+    assert pcp_percent(counts, ["actor1", "actor2", "actor3"]) == {"actor1": 100, "actor3": 100}
+    counts = count_parts([BODY[None]], UNLABELLED[None, None])
+    assert pcp_percent(counts, ["actor1"]) == {}
+    assert group_percent(counts, ["actor1"]) == {}
 
 
 def test_average_is_over_the_first_three_actors_not_over_frames() -> None:
@@ -100,11 +106,6 @@ def test_average_is_over_the_first_three_actors_not_over_frames() -> None:
     assert table == {"actor1": 100, "actor2": 50, "actor3": 0, "actor4": 100, "average": 50}
 
 
-def test_no_average_without_all_three_actors() -> None:
-    counts = count_parts([BODY[None]], np.stack([BODY, UNLABELLED, BODY])[None])
-    assert pcp_percent(counts, ["actor1", "actor2", "actor3"]) == {"actor1": 100, "actor3": 100}
-
-
 def test_groups_name_the_limbs_that_are_wrong() -> None:
     counts = count_parts([without(13, 7)[None]], np.stack([BODY] * 3)[None])
     groups = group_percent(counts, ["actor1", "actor2", "actor3"])
@@ -114,12 +115,6 @@ def test_groups_name_the_limbs_that_are_wrong() -> None:
         "head": 0, "torso": 100, "upper_arms": 50, "lower_arms": 50,
         "upper_legs": 100, "lower_legs": 100,
     }  # fmt: skip
-
-
-def test_nothing_labelled_gives_nothing() -> None:
-    counts = count_parts([BODY[None]], UNLABELLED[None, None])
-    assert pcp_percent(counts, ["actor1"]) == {}
-    assert group_percent(counts, ["actor1"]) == {}
 
 
 def test_limbs_without_an_estimate_can_be_left_out() -> None:

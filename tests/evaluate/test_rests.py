@@ -56,10 +56,6 @@ def resting() -> list[SlotRecord]:
     return run(scene(), rest="suspended", rest_costs=what, find_within_s=PATIENCE_S)
 
 
-def recall(records: list[SlotRecord]) -> float:
-    return accuracy(scene(), records).recall_500mm or 0.0
-
-
 def drawn_w(records: list[SlotRecord], what: RestCosts) -> NDArray[np.float64]:
     """Return `(num_slots, num_cameras)` watts, falling asleep and waking included."""
     deep = what.deep(asleep_in(records, LEAD), scene().interval_s)
@@ -104,7 +100,7 @@ def test_the_site_draws_the_watts_that_it_may(share: float) -> None:
     records = run(scene(), rest="suspended", rest_costs=what, watts=watts)
     drawn = drawn_w(records, what).sum(axis=1)
     assert drawn[10 + LEAD :].mean() < 1.08 * watts  # of 15 s, over which no more is owed
-    assert recall(records) > 0.5
+    assert (accuracy(scene(), records).recall_500mm or 0.0) > 0.5
 
 
 def test_watts_below_what_all_cameras_draw_at_rest_are_told() -> None:
