@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,8 +15,7 @@ from e3pose.recording.calibration import save_rig
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.films import frames
 from e3pose_lab import each
-from e3pose_lab.each import check_words, make_plan, result_of, rows_of, run_each, write_rows
-from e3pose_lab.workers import Workers
+from e3pose_lab.each import check_words, make_plan, result_of, rows_of, write_rows
 
 pytestmark = pytest.mark.slow
 
@@ -77,22 +74,6 @@ def test_a_recording_that_fails_is_told_and_leaves_the_others(
     told = capsys.readouterr()
     assert f"{broken}: e3pose: " in told.err and "1 result, 1 failed" in told.out
     assert make_plan(dest, [broken, recordings[0]], WORDS).to_do == (broken,)
-
-
-@pytest.mark.nightly  # starts a cluster
-def test_cluster_has_the_same_results(recordings: list[Path], tmp_path: Path) -> None:
-    from pyarrow import parquet
-
-    here, there = tmp_path / "here", tmp_path / "there"
-    for dest, workers in ((here, Workers(1)), (there, Workers(1, "local"))):
-        assert [*run_each(dest, recordings[:2], WORDS, workers)] != []
-    for recording in recordings[:2]:
-        one, other = (
-            parquet.read_table(result_of(dest, recording, WORDS)).to_pylist()
-            for dest in (here, there)
-        )
-        timeless = [{k: v for k, v in r.items() if "ms" not in k} for r in (*one, *other)]
-        assert timeless[0] == timeless[1]
 
 
 def test_films_become_recordings_with_a_row_each(
@@ -154,12 +135,3 @@ def test_rows_have_one_schema_whatever_is_missing(tmp_path: Path) -> None:
     )
     table = pandas.read_parquet(tmp_path)
     assert table.n.tolist() == [1.0, 2.0] and table.of.tolist() == ["[1]", "[2]"]
-
-
-def test_a_cluster_that_is_not_there_is_told() -> None:
-    code = (
-        "from e3pose_lab.workers import Workers; import e3pose_lab.workers as w; w.WAIT_S = 1\n"
-        "list(Workers(1, 'tcp://127.0.0.1:1', '--cluster').as_ready(print, 1, [1]))"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "InputError: --cluster: found 'tcp://127.0.0.1:1'" in ended.stderr

@@ -33,12 +33,6 @@ def test_results_come_in_order(jobs: int) -> None:
     assert (os.getpid() in {process for _, process in results}) == (jobs == 1)
 
 
-def test_who_stops_early_leaves_no_mess() -> None:
-    results = Workers(2).run(draw, 0.0, range(1000))
-    assert next(results)[0] == draw(0.0, 0)[0]
-    results.close()  # type: ignore[attr-defined]
-
-
 def make_file(folder: Path, task: int) -> int:
     (folder / f"{task}").touch()
     return task
@@ -62,19 +56,6 @@ def test_an_error_reaches_who_takes_the_results(jobs: int) -> None:
     results = Workers(jobs).run(fall, None, range(1000))
     with pytest.raises(InputError, match="5: found nothing"):
         list(results)
-
-
-@pytest.mark.parametrize("jobs", [0, -2, 100_000])
-def test_impossible_numbers_of_processes_are_refused(jobs: int) -> None:
-    with pytest.raises(InputError, match="jobs: found"):
-        Workers(jobs)
-
-
-@pytest.mark.nightly  # the next test has a cluster by its address
-def test_a_dask_cluster_gives_the_same() -> None:
-    distributed_here()
-    results = [value for value, _ in Workers(2, "local").run(draw, 5.0, range(8))]
-    assert results == [draw(5.0, seed)[0] for seed in range(8)]
 
 
 @pytest.fixture(scope="module")
@@ -111,9 +92,5 @@ def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) ->
         pytest.raises(InputError, match="--dask: found no worker of tcp"),
     ):
         list(Workers(1, cluster.scheduler_address).run(draw, 0.0, range(2)))
-
-
-def test_a_scheduler_that_is_none_is_named() -> None:
-    distributed_here()
     with pytest.raises(InputError, match="--dask: found 'nonsense'"):
         list(Workers(2, "nonsense").run(draw, 0.0, range(2)))

@@ -40,23 +40,12 @@ def test_damaged_files_end_in_one_line() -> None:
 
 def test_hostile_tables_and_videos_end_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     for known in (hostile_tables.TABLES, hostile_tables.BOMBS, hostile_videos.VIDEOS):
-        for name in {*known} - {*list(known)[::8]}:  # make attack tries them all
+        for name in {*known} - {*list(known)[::12]}:  # make attack tries them all
             monkeypatch.delitem(known, name)
     trials = list(hostile_inputs.try_all(init=False))
-    assert len(trials) > 20
+    assert len(trials) > 14
     assert not "\n".join(str(trial) for trial in trials if not trial.held)
     assert {trial.code for trial in trials} == {0, 2}
-
-
-def test_input_that_gets_through_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(path: object) -> str:
-        raise OverflowError("cannot convert float infinity to integer")
-
-    monkeypatch.setattr(hostile_videos, "played", broken)
-    for name in list(hostile_videos.VIDEOS)[1:]:
-        monkeypatch.delitem(hostile_videos.VIDEOS, name)
-    result = attack_inputs.hostile_files(seconds=0.0, seed=3, kinds=("videos",))
-    assert not result.held and "OverflowError: cannot convert" in result.figures
 
 
 def test_every_row_says_what_was_tried_what_must_be_and_what_was(

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import signal
-from pathlib import Path
-
 import pytest
 
-from mutants import TESTS_S, chosen, forked, statement_at
+from mutants import TESTS_S, chosen, statement_at
 
 SOURCE = """\
 LIMIT = 3
@@ -56,23 +52,3 @@ def test_a_mutant_gets_the_quickest_tests_that_run_its_statement() -> None:
     assert chosen(lines, range(12, 15), True, took_s) == ["quick", "slow"]
     assert chosen(lines, range(1, 2), False, took_s) == ["quick", "other", "slow"]
     assert chosen(lines, range(30, 31), True, took_s) == []
-
-
-@pytest.mark.slow
-def test_a_run_ends_with_its_code_or_is_killed(tmp_path: Path) -> None:
-    log = tmp_path / "log"
-
-    def say() -> int:
-        print("ran", os.getpid())
-        return 3
-
-    def fail() -> int:
-        raise ValueError("broken")
-
-    def loop() -> int:
-        while True:
-            pass
-
-    assert forked(say, log, 5.0) == 3 and log.read_text().startswith("ran ")
-    assert forked(fail, log, 5.0) == 70 and "broken" in log.read_text()
-    assert forked(loop, log, 1.0) == -signal.SIGKILL

@@ -14,7 +14,6 @@ from rich.console import Console
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.figures import Duration, Summary
 from e3pose.evaluate.replay import ReplaySettings
-from e3pose.evaluate.tables import print_summary
 from e3pose.model.camera import Camera, Rig
 from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
@@ -87,6 +86,9 @@ def test_mean_and_sample_deviation_over_seeds() -> None:
     assert row["energy"]["profile"] == "tx2"
     assert row["slots"] == {"mean": 2.0, "sd": 0.0}
     assert "settings" not in row
+    text = _printed([row])
+    assert "5.0 +- 7.1" in text and "random" in text and "MPJPE" in text
+    assert "PCP" not in text, "only what there is"
 
 
 def test_figure_that_some_seeds_lack_tells_how_many_have_it() -> None:
@@ -95,9 +97,6 @@ def test_figure_that_some_seeds_lack_tells_how_many_have_it() -> None:
     assert row["metrics"]["mpjpe_mm"]["count"] == 2
     assert row["metrics"]["recall_500mm"]["mean"] == pytest.approx(2 / 3)
     assert "count" not in row["metrics"]["recall_500mm"]
-
-
-def test_one_seed_has_no_spread() -> None:
     (row,) = rows(summaries(1))
     assert row["metrics"]["mpjpe_mm"] == {"mean": pytest.approx(0.0), "sd": 0.0}
 
@@ -114,26 +113,6 @@ def test_rows_are_apart_by_policy_and_camera_count() -> None:
     aimed = replace(one, settings=replace(settings, target_error_m=0.04))
     (row,) = rows([aimed])
     assert (row["cameras"], row["target_mm"]) == (None, 40)
-
-
-def test_table_shows_mean_and_spread_and_only_what_there_is() -> None:
-    text = _printed(rows(summaries(2)))
-    assert "5.0 +- 7.1" in text
-    assert "random" in text
-    assert "MPJPE" in text
-    assert "PCP" not in text
-
-
-def test_summary_shows_every_camera(capsys: pytest.CaptureFixture[str]) -> None:
-    (summary,) = summaries(1)
-    assert summary.selection is not None
-    half = replace(summary.selection, duty={"only": 0.5})
-    print_summary(replace(summary, selection=half))
-    text = capsys.readouterr().out
-    assert "only" in text
-    assert "50.0" in text
-    assert "tx2" in text
-    assert "policy random, 2 slots" in text
 
 
 def _printed(table: list[dict[str, Any]]) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -26,7 +26,6 @@ from e3pose_lab.prediction.scores import (
 )
 from e3pose_lab.prediction.tally import Tally, calibration, figures
 
-SHARED = os.environ.get("E3POSE_SHARED")
 STEP_M = 0.03
 
 
@@ -77,37 +76,33 @@ def _figures(
     return figures(total, settings.leads)
 
 
-def test_uniform_motion_is_foreseen_exactly_by_constant_velocity() -> None:
-    found = _figures(ConstantVelocity(), _motion(_walking()), PredictionSettings(leads=(1, 7)))
+STILL = np.repeat(_flat_body()[None], 30, axis=0)
+
+
+def test_uniform_motion_is_foreseen_exactly_by_constant_velocity_alone() -> None:
+    settings = PredictionSettings(leads=(1, 7))
+    found = _figures(ConstantVelocity(), _motion(_walking()), settings)
     assert found["mpjpe_mm"] == pytest.approx({"1": 0.0, "7": 0.0}, abs=1e-9)
     assert found["box_iou"] == pytest.approx({"1": 1.0, "7": 1.0})
     assert found["coverage"] == {"1": 1.0, "7": 1.0}
-
-
-def test_zero_velocity_errs_by_the_distance_walked_but_not_relative_to_the_hips() -> None:
-    found = _figures(ZeroVelocity(), _motion(_walking()), PredictionSettings(leads=(1, 7)))
+    found = _figures(ZeroVelocity(), _motion(_walking()), settings)
     assert found["mpjpe_mm"] == pytest.approx({"1": 30.0, "7": 210.0})
     assert found["root_relative_mpjpe_mm"] == pytest.approx({"1": 0.0, "7": 0.0}, abs=1e-9)
+    claimed = {"expected_mm", "within_expected", "within_twice_expected"}
+    assert not claimed & set(found), "a predictor that claims nothing has no honesty"
 
 
-def test_boxes_are_expanded_by_a_tenth_before_they_overlap() -> None:
-    """Boxes 1.1 m wide, half a width apart, share a third of their union."""
-    still = np.repeat(_flat_body()[None], 30, axis=0)
-    found = _figures(Shifted((0.55, 0, 0)), _motion(still), PredictionSettings(leads=(1,)))
-    assert found["box_iou"]["1"] == pytest.approx(1 / 3, abs=1e-6)
+@each_case(("shift_m", "iou"), [(0.55, 1 / 3), (50.0, 0.0)])
+def test_boxes_are_expanded_by_a_tenth_before_they_overlap(shift_m: float, iou: float) -> None:
+    """Boxes 1.1 m wide, half a width apart, share a third of their union; out of view nothing."""
+    found = _figures(Shifted((shift_m, 0, 0)), _motion(STILL), PredictionSettings(leads=(1,)))
+    assert found["box_iou"]["1"] == pytest.approx(iou, abs=1e-6)
 
 
 def test_people_out_of_view_have_no_boxes() -> None:
-    far = np.repeat(_flat_body()[None] + [0, 0, 50.0], 30, axis=0)
-    found = _figures(ZeroVelocity(), _motion(far), PredictionSettings(leads=(1,)))
+    found = _figures(ZeroVelocity(), _motion(STILL + [0, 0, 50.0]), PredictionSettings(leads=(1,)))
     assert "box_iou" not in found
     assert found["mpjpe_mm"] == {"1": 0.0}
-
-
-def test_a_box_predicted_out_of_view_overlaps_nothing() -> None:
-    still = np.repeat(_flat_body()[None], 30, axis=0)
-    found = _figures(Shifted((50.0, 0, 0)), _motion(still), PredictionSettings(leads=(1,)))
-    assert found["box_iou"]["1"] == 0.0
 
 
 def test_joints_that_are_unknown_later_do_not_count() -> None:
@@ -120,8 +115,7 @@ def test_joints_that_are_unknown_later_do_not_count() -> None:
 
 
 def test_joints_that_were_not_predicted_lower_the_coverage() -> None:
-    still = np.repeat(_flat_body()[None], 30, axis=0)
-    found = _figures(Shifted(lost=[9]), _motion(still), PredictionSettings(leads=(1, 2)))
+    found = _figures(Shifted(lost=[9]), _motion(STILL), PredictionSettings(leads=(1, 2)))
     assert found["coverage"] == pytest.approx({"1": 13 / 14, "2": 13 / 14})
     assert found["mpjpe_mm"]["1"] == 0.0
 
@@ -130,20 +124,18 @@ def test_joints_that_were_not_predicted_lower_the_coverage() -> None:
 def test_honesty_is_the_share_of_joints_within_the_stated_error(
     claim: float, within: float, twice: float
 ) -> None:
-    still = np.repeat(_flat_body()[None], 30, axis=0)
     predictor = Shifted((0, 0, 0.2), claim)
-    found = _figures(predictor, _motion(still), PredictionSettings(leads=(1,)))
+    found = _figures(predictor, _motion(STILL), PredictionSettings(leads=(1,)))
     assert found["expected_mm"]["1"] == pytest.approx(1000 * claim)
     assert found["within_expected"]["1"] == within
     assert found["within_twice_expected"]["1"] == twice
 
 
 def test_stated_errors_stand_beside_actual_ones_in_groups_of_alike() -> None:
-    still = np.repeat(_flat_body()[None], 30, axis=0)
     total = Tally.zero(2)
     for claim in (0.05, 0.07, 0.5):
         parts = score(
-            Shifted((0, 0, 0.2), claim), _motion(still), [still], PredictionSettings(leads=(1, 2))
+            Shifted((0, 0, 0.2), claim), _motion(STILL), [STILL], PredictionSettings(leads=(1, 2))
         )
         for _, part in parts:
             total += part
@@ -152,11 +144,6 @@ def test_stated_errors_stand_beside_actual_ones_in_groups_of_alike() -> None:
     assert near == pytest.approx({"expected_mm": 60, "actual_mm": 200, "joints": 2 * joints})
     assert far == pytest.approx({"expected_mm": 500, "actual_mm": 200, "joints": joints})
     assert calibration(Tally.zero(2)) == []
-
-
-def test_a_predictor_that_claims_nothing_has_no_honesty() -> None:
-    found = _figures(ZeroVelocity(), _motion(_walking()), PredictionSettings(leads=(1,)))
-    assert set(found) == {"mpjpe_mm", "root_relative_mpjpe_mm", "coverage", "box_iou"}
 
 
 def test_windows_need_a_person_in_every_slot_of_the_history() -> None:
@@ -176,11 +163,8 @@ def test_every_lead_has_all_windows_whose_future_is_known() -> None:
     for _, part in score(ZeroVelocity(), _motion(_walking(30)), [_walking(30)], settings):
         total += part
     assert total.windows.tolist() == [20, 1]
-
-
-def test_a_lead_without_a_known_future_is_absent() -> None:
     found = _figures(ZeroVelocity(), _motion(_walking(15)), PredictionSettings(leads=(1, 9)))
-    assert set(found["mpjpe_mm"]) == {"1"}
+    assert set(found["mpjpe_mm"]) == {"1"}, "a lead without a known future is absent"
 
 
 def test_pooling_weighs_every_joint_alike() -> None:
@@ -199,15 +183,11 @@ def test_more_windows_than_a_batch_are_all_scored() -> None:
     assert sum(part.windows[0] for _, part in parts) == 698
 
 
-def test_estimates_are_taken_as_they_are() -> None:
-    motion = Motion("live", "estimates", COCO17, _rig(), 1 / 30, (_walking(),))
-    assert set(conditions(motion, PredictionSettings())) == {"estimated"}
-    assert set(conditions(_motion(_walking()), PredictionSettings())) == {"exact", "noisy"}
-
-
 def test_noise_makes_predictions_worse_and_is_the_same_for_all() -> None:
     settings = PredictionSettings(leads=(1,), noise_m=0.02)
     motion = _motion(_walking(300))
+    live = replace(motion, source="estimates")
+    assert set(conditions(live, settings)) == {"estimated"}, "taken as they are"
     first = evaluate_motion(motion, ["zero-velocity", "constant-velocity"], settings)
     again = evaluate_motion(motion, ["constant-velocity"], settings)
     exact, noisy = (
@@ -234,10 +214,9 @@ def test_latency_is_the_time_of_calls_alone() -> None:
     assert {lead: round(each["median"], 6) for lead, each in times.items()} == {"1": 1.0, "5": 1.0}
 
 
-@pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 @pytest.mark.shared
 @pytest.mark.parity
-def test_baselines_on_motion_capture_match_reference_figures() -> None:
+def test_baselines_on_motion_capture_match_reference_figures(shared: Path) -> None:
     """All clips, 14 joints, exact histories of 10 frames: leads 1 and 10, by other code."""
     from e3pose_lab.datasets.motion import cmu_clips, import_cmu
     from e3pose_lab.prediction.compare import motion_of
@@ -247,7 +226,7 @@ def test_baselines_on_motion_capture_match_reference_figures() -> None:
         "constant-velocity": (6.4, 137.1),
         "damped-velocity": (8.1, 132.6),
     }
-    source = Path(str(SHARED)) / "data/cmu_mocap/cmu_mocap_train_30fps.npz"
+    source = shared / "data/cmu_mocap/cmu_mocap_train_30fps.npz"
     settings = PredictionSettings(leads=(1, 10), noise_m=0.0, missing=0.0)
     motions = [motion_of(import_cmu(source, clip)) for clip in cmu_clips(source)]
     each = [evaluate_motion(motion, list(reference), settings) for motion in motions]

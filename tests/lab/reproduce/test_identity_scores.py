@@ -11,8 +11,7 @@ import pytest
 from e3pose_lab.reproduce.identity_scores import Frame, hota, idf1
 
 pytestmark = pytest.mark.skipif(
-    find_spec("motmetrics") is None,
-    reason="motmetrics is not installed: pip install e3pose[lab]",
+    find_spec("motmetrics") is None, reason="motmetrics is not installed: pip install e3pose[lab]"
 )
 
 

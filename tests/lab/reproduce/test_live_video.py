@@ -43,18 +43,14 @@ def made(piece: Any) -> Any:
     )
 
 
-def test_saving_and_errors_are_said_and_every_view_is_shown() -> None:
+def test_saving_and_errors_are_said_and_every_view_is_shown(tmp_path: Path) -> None:
     section = ITEM.section(Scale(quick=True), made)  # type: ignore[arg-type]
     assert "25 % less" in section.ours
     assert "40 mm, 46 mm and 43 mm" in section.ours
     assert "does not lower the error (+3.0 mm)" in section.ours
     assert [panel.name for panel in section.panels] == ["live-video-cam1", "live-video-cpu"]
     assert [headline.value for headline in section.headlines] == [pytest.approx(25)]
-
-
-def test_poses_are_drawn_over_the_image(tmp_path: Path) -> None:
-    panel = ITEM.section(Scale(quick=True), made).panels[0]  # type: ignore[arg-type]
-    draw(panel, tmp_path / "view.svg")
+    draw(section.panels[0], tmp_path / "view.svg")
     assert "<image" in (tmp_path / "view.svg").read_text()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -107,21 +106,21 @@ def test_what_fails_or_is_lacking_is_left_out_with_the_reason(tmp_path: Path) ->
     assert (tmp_path / "out" / "figures" / "lines.svg").exists()
 
 
-def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
+def test_page_says_what_was_found_beside_the_papers_figures(folder: Path) -> None:
     page = (folder / "report.html").read_text()
-    assert "&lt;b&gt;97.1" in page and "<b>97.1" not in page
+    assert "&lt;b&gt;97.1" in page and "<b>97.1" not in page, "words are escaped"
     assert "ours, by <code>a &lt; b</code>" in page
     assert "Skipped: no data; expected Shelf" in page
     assert "Not what was found here before: error" in page
     assert "http" not in page.replace("http-equiv", "").lower().split("</style>")[0]
-
-
-def test_papers_figure_and_the_difference_stand_beside_each_headline(folder: Path) -> None:
-    page = (folder / "report.html").read_text()
     assert "<td>95.00</td><td>97.1</td><td>-2.10</td><td>94 to 96</td>" in page
     assert "<td>25.00</td><td>20.66 to 31.21</td><td>+0.00</td><td>20 to 30</td>" in page
     assert '<td class="bad">50.00</td><td>–</td><td>–</td><td>10 to 20</td>' in page
     assert "they say nothing about the paper" in page
+    assert "<td>x</td><td>95.0</td><td>0.000</td>" in page, "decimals of a column, zero no sign"
+    assert 'alt="B: W"' in page and 'alt="L: y against x"' in page
+    assert page.count("<details>") == 1, "a long table is folded"
+    assert "<details><summary>All &lt;rows&gt;</summary>" in page
 
 
 def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
@@ -135,6 +134,7 @@ def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
 
 
 def test_a_table_keeps_its_spread(folder: Path) -> None:
+    assert (folder / "tables" / "long.csv").exists()
     rows = list(csv.reader((folder / "tables" / "table.csv").read_text().splitlines()))
     assert rows == [
         ["row", "PCP", "PCP, standard deviation"],
@@ -142,23 +142,6 @@ def test_a_table_keeps_its_spread(folder: Path) -> None:
         ["y", "", ""],
         ["z", "1", ""],
     ]
-
-
-def test_columns_have_their_own_decimals_and_zero_no_sign(folder: Path) -> None:
-    page = (folder / "report.html").read_text()
-    assert "<td>x</td><td>95.0</td><td>0.000</td>" in page
-
-
-def test_what_an_axis_does_not_name_is_not_said(folder: Path) -> None:
-    page = (folder / "report.html").read_text()
-    assert 'alt="B: W"' in page and 'alt="L: y against x"' in page
-
-
-def test_a_long_table_is_folded(folder: Path) -> None:
-    page = (folder / "report.html").read_text()
-    assert page.count("<details>") == 1
-    assert "<details><summary>All &lt;rows&gt;</summary>" in page
-    assert (folder / "tables" / "long.csv").exists()
 
 
 @pytest.mark.parametrize(
@@ -188,10 +171,8 @@ def test_every_item_of_a_picture_or_table_is_on_the_page() -> None:
 
 
 @pytest.mark.shared
-def test_everything_that_the_paper_numbers_is_on_the_page() -> None:
-    if not (shared := os.environ.get("E3POSE_SHARED")):
-        pytest.skip("E3POSE_SHARED is not set")
-    tex = (Path(shared) / "paper" / "e3pose.tex").read_text()
+def test_everything_that_the_paper_numbers_is_on_the_page(shared: Path) -> None:
+    tex = (shared / "paper" / "e3pose.tex").read_text()
     wanted = set(LABEL.findall(tex)) - set(PART.findall(tex))
     text = PAGE.read_text()
     assert len(wanted) > 20

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.cli.commands import run
+from tests.lab.datasets.test_published import NOBODY, write_published
 
 from e3pose.model.skeleton import COCO17, SHELF14, convert
-from e3pose.recording import load_recording, save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.simulate.films import frames
 from e3pose_lab.reproduce.items.base import Scale
 from e3pose_lab.reproduce.items.shelf_table import ACTORS, ROWS, SEMANTIC, pieces, section
-from e3pose_lab.reproduce.replays import Run, recording_of, replayed
+from e3pose_lab.reproduce.replays import Run, replayed
 from e3pose_lab.reproduce.sources import SHELF_FEEDBACK, load_sources
 
 
@@ -64,45 +64,28 @@ def test_three_readings_stand_side_by_side_and_actors_beside_the_papers() -> Non
     assert "95.0 at V = 100" in found.ours
 
 
-def test_detections_with_feedback_are_read_where_they_are(tmp_path: Path) -> None:
-    assert SHELF_FEEDBACK not in load_sources(tmp_path).names
-    scene = simulate(SceneSettings("ring", people=1, seconds=0.4, fps=10, cameras=2), 701)
-    save_recording(scene, tmp_path / SHELF_FEEDBACK)
-    sources = load_sources(tmp_path)
-    assert sources.names[:1] == (SHELF_FEEDBACK,)
-    assert recording_of(sources, SEMANTIC.asked).num_slots == scene.num_slots
-    assert load_recording(tmp_path / SHELF_FEEDBACK).num_slots == scene.num_slots
-
-
 FIRST, SLOTS = 300, 14  # images and labels; the protocol of Shelf begins here
 
 
 def publish(folder: Path) -> None:
     """Write drawn people as Shelf is published: labels, projection matrices, folders of images."""
     import cv2
-    from scipy.io import savemat
 
     settings = SceneSettings("crossing", people=3, seconds=SLOTS / 25, fps=25, cameras=5)
     scene = simulate(settings, 701)
     assert scene.truth is not None and scene.num_slots == SLOTS
-    (folder / "Calibration").mkdir(parents=True)
-    for number, camera in enumerate(scene.rig.cameras):
-        np.savetxt(folder / "Calibration" / f"P{number}.txt", camera.projection, delimiter=",")
-        (folder / f"Camera{number}").mkdir()
-        for slot, image in enumerate(frames(scene, number)):
-            path = folder / f"Camera{number}" / f"img_{FIRST + slot:06d}.jpg"
-            assert cv2.imwrite(str(path), image[..., ::-1])
     joints_m = scene.truth.joints_m
     found = np.isfinite(joints_m).all(axis=-1).astype(float)
     labels_m, _ = convert(joints_m, found, COCO17, SHELF14)
-    actors = np.empty((1, labels_m.shape[1]), dtype=object)
-    for actor in range(labels_m.shape[1]):
-        poses = np.empty((FIRST + SLOTS, 1), dtype=object)
-        for frame in range(FIRST + SLOTS):
-            here = frame >= FIRST and np.isfinite(labels_m[frame - FIRST, actor]).all()
-            poses[frame, 0] = labels_m[frame - FIRST, actor] if here else np.zeros((0, 0))
-        actors[0, actor] = poses
-    savemat(folder / "actorsGT.mat", {"actor3D": actors})
+    labels = [
+        [NOBODY] * FIRST + [m if np.isfinite(m).all() else NOBODY for m in labels_m[:, actor]]
+        for actor in range(labels_m.shape[1])
+    ]
+    write_published(folder, (camera.projection for camera in scene.rig.cameras), labels)
+    for number in range(len(scene.rig)):
+        for slot, image in enumerate(frames(scene, number)):
+            path = folder / f"Camera{number}" / f"img_{FIRST + slot:06d}.jpg"
+            assert cv2.imwrite(str(path), image[..., ::-1])
 
 
 @pytest.mark.slow

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from tests.ports import free_port
 
 from e3pose_lab.reproduce import work
-from e3pose_lab.reproduce.replays import Asked, over_seeds
 from e3pose_lab.reproduce.sources import Sources
 from e3pose_lab.reproduce.work import Made, Piece, Results, lacking, run
 from e3pose_lab.workers import Workers
@@ -102,70 +97,6 @@ def test_results_depend_on_what_computes_and_not_on_what_shows() -> None:
     assert not work._counts(("e3pose_lab", "reproduce", "page.py"))
     assert not work._counts(("e3pose_lab", "reproduce", "items", "shelf_table.py"))
     assert not work._counts(("e3pose_lab", "cli", "reproducing.py"))
-
-
-@pytest.fixture(scope="module")
-def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Run a Dask scheduler and two workers, all processes of their own; yields its address."""
-    distributed = pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[lab]"
-    )
-    address = f"tcp://127.0.0.1:{free_port()}"
-    python = [sys.executable, "-m"]
-    worker = [
-        *python, "distributed.cli.dask_worker", address, "--nthreads=1", "--no-nanny",
-        "--no-dashboard", f"--local-directory={tmp_path_factory.mktemp('workers')}",
-    ]  # fmt: skip
-    commands = [
-        [*python, "distributed.cli.dask_scheduler", "--no-dashboard", f"--host={address}"],
-        worker,
-        worker,
-    ]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*sys.path, os.getcwd()])}
-    started = [
-        subprocess.Popen(
-            command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        for command in commands
-    ]
-    try:
-        with distributed.Client(address, timeout=120) as client:
-            client.wait_for_workers(2, timeout=120)
-        yield address
-    finally:
-        end(started)
-
-
-def end(started: list[subprocess.Popen[bytes]]) -> None:
-    """End processes at once."""
-    for process in started:
-        process.kill()  # a worker that is asked to end may wait for its scheduler for ever
-    for process in started:
-        process.wait()
-
-
-@pytest.mark.slow
-@pytest.mark.nightly  # tests/lab/test_workers.py has a cluster by day
-def test_a_scheduler_and_two_workers_give_the_same(tmp_path: Path, scheduler: str) -> None:
-    asked = Asked("ring", "e3pose", seconds=2.0, fps=12.5)
-    wanted = over_seeds(asked, 3)
-
-    def files(name: str, workers: Workers) -> dict[str, bytes]:
-        results = Results(tmp_path / name, Sources())
-        assert len(list(run(results, wanted, workers))) == len(wanted)
-        return {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
-
-    here = files("here", Workers(1))
-    assert here == files("there", Workers(1, scheduler))
-    assert len(here) == len(wanted)
-
-
-@pytest.mark.slow
-@pytest.mark.nightly  # tests/lab/test_workers.py has a cluster by day
-def test_workers_of_a_scheduler_do_the_work(tmp_path: Path, scheduler: str) -> None:
-    found = answers(Results(tmp_path / "kept", Sources()), 6, Workers(1, scheduler))
-    assert [found[number].square for number in range(6)] == [n**2 for n in range(6)]
-    assert os.getpid() not in {each.process for each in found.values()}
 
 
 def sometimes(sources: Sources, question: Question) -> Answer:

@@ -9,6 +9,7 @@ from math import comb
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.lab.train.test_windows import gliding_clip
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -47,6 +48,13 @@ def noisy() -> Recording:
     return scene()
 
 
+@cache
+def clips() -> list[Clip]:
+    """What is estimated of all of it, without a look at the truth."""
+    blind = replace(noisy(), truth=None)
+    return estimated_clips(blind, 15, [(0, blind.num_slots)], REFERENCE, ALONE)
+
+
 def distances_to_truth(recording: Recording, clip: Clip) -> Floats:
     """Return `(num_slots,)` mean distance to whoever of the truth is nearest, at any start."""
     assert recording.truth is not None
@@ -62,11 +70,9 @@ def distances_to_truth(recording: Recording, clip: Clip) -> Floats:
 
 
 def test_the_target_is_near_the_truth_that_was_never_looked_at() -> None:
-    blind = replace(noisy(), truth=None)
-    clips = estimated_clips(blind, 15, [(0, blind.num_slots)], REFERENCE, ALONE)
-    assert len(clips) >= 2
-    assert sum(len(c.joints_m) for c in clips) > 40  # of 80 that two people could have
-    errors = np.concatenate([distances_to_truth(noisy(), clip) for clip in clips])
+    assert len(clips()) >= 2
+    assert sum(len(c.joints_m) for c in clips()) > 40  # of 80 that two people could have
+    errors = np.concatenate([distances_to_truth(noisy(), clip) for clip in clips()])
     assert errors.mean() < 0.025  # OpenPose-like detections in four views
 
 
@@ -79,8 +85,7 @@ def test_exact_detections_give_estimates_without_error() -> None:
 
 
 def test_estimates_differ_from_combination_to_combination() -> None:
-    clips = estimated_clips(noisy(), 15, [(0, noisy().num_slots)], REFERENCE, ALONE)
-    errors = clips[0].errors_m
+    errors = clips()[0].errors_m
     assert errors is not None and errors.shape[1:] == (11, NUM_COMMON, 3)  # 6 + 4 + 1 of 4 cameras
     by_joint = np.moveaxis(errors, 1, -1).reshape(-1, 11).astype(np.float64)
     known = by_joint[np.isfinite(by_joint).all(axis=1)]
@@ -196,9 +201,7 @@ def test_one_camera_cannot_teach() -> None:
 
 
 def gliding(errors_m: NDArray[np.float16] | None, slots: int = 60) -> Clip:
-    pose = np.random.default_rng(0).normal(size=(NUM_COMMON, 3)) * 0.3
-    path = np.arange(slots)[:, None, None] * np.array([0.02, 0, 0])
-    return Clip("gliding", (pose + path).astype(np.float32), 30.0, errors_m=errors_m)
+    return replace(gliding_clip(slots), errors_m=errors_m)
 
 
 def test_a_window_is_given_estimates_and_asked_for_the_target() -> None:

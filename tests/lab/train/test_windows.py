@@ -50,23 +50,15 @@ def test_windows_of_even_motion_go_on_evenly(monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_allclose(windows.usual_m, 0, atol=1e-4)  # constant velocity is right
 
 
-def test_windows_never_leave_their_clip() -> None:
+def test_windows_never_leave_their_clip_and_are_the_same_for_a_seed() -> None:
     far = gliding_clip()
     sampler = Sampler([gliding_clip(), Clip("far", far.joints_m + 1000, 30.0)], 10, 15)
-    windows = sampler.draw(np.random.default_rng(1), 500, CLEAN)
-    assert np.abs(windows.future_m).max() < 5
-
-
-def test_short_clips_are_drawn_at_a_rate_that_fits() -> None:
-    windows = Sampler([gliding_clip(26)], 10, 15).draw(np.random.default_rng(2), 100, CLEAN)
-    assert np.isfinite(windows.future_m).all()
-
-
-def test_the_same_seed_draws_the_same() -> None:
-    sampler = Sampler([gliding_clip()], 10, 15)
-    first, second = (sampler.draw(np.random.default_rng(3), 20, Corruption()) for _ in range(2))
+    first, second = (sampler.draw(np.random.default_rng(1), 500, Corruption()) for _ in range(2))
+    assert np.abs(first.future_m).max() < 5
     np.testing.assert_array_equal(first.normal.features, second.normal.features)
     np.testing.assert_array_equal(first.future_m, second.future_m)
+    short = Sampler([gliding_clip(26)], 10, 15).draw(np.random.default_rng(2), 100, CLEAN)
+    assert np.isfinite(short.future_m).all(), "drawn at a rate that fits"
 
 
 def test_noise_has_the_size_and_memory_asked_for() -> None:
@@ -80,19 +72,15 @@ def test_noise_has_the_size_and_memory_asked_for() -> None:
     np.testing.assert_allclose(kept, [0.74, 0.40, 0.32], atol=0.08)
 
 
-def test_no_noise_is_exact() -> None:
-    history = np.random.default_rng(5).normal(size=(10, 7, NUM_COMMON, 3))
-    spoilt = spoil(history, np.full(7, 0.04), np.random.default_rng(6), CLEAN)
-    np.testing.assert_array_equal(spoilt, history)
-
-
-def test_every_window_keeps_something() -> None:
+def test_every_window_keeps_something_and_all_without_noise() -> None:
     history = np.zeros((10, 3000, NUM_COMMON, 3))
     worst = Corruption(exact=0.0, missing=1.0, short=1.0)
     spoilt = spoil(history, np.full(3000, 0.04), np.random.default_rng(7), worst)
     assert np.isfinite(spoilt).any(axis=(0, 2, 3)).all()
-    share = np.isnan(spoilt[-1]).mean()
-    assert 0.1 < share < 0.5
+    assert 0.1 < np.isnan(spoilt[-1]).mean() < 0.5
+    history = np.random.default_rng(5).normal(size=(10, 7, NUM_COMMON, 3))
+    exact = spoil(history, np.full(7, 0.04), np.random.default_rng(6), CLEAN)
+    np.testing.assert_array_equal(exact, history)
 
 
 def test_usual_error_is_that_of_the_best_simple_predictor() -> None:
@@ -110,24 +98,15 @@ def recording(name: str, joints_m: Floats | None) -> Recording:
     rig = ring_rig(2, 4.0, 2.0, (640, 480), np.random.default_rng(0))
     slots = 100 if joints_m is None else len(joints_m)
     people = 0 if joints_m is None else joints_m.shape[1]
-    return Recording(
-        name=name,
-        rig=rig,
-        fps=10.0,
-        num_slots=slots,
-        skeleton=COCO17,
-        views=(ViewSeries.from_views([], [], [], 17),) * 2,
-        truth=None
-        if joints_m is None
-        else Truth(COCO17, tuple(f"p{k}" for k in range(people)), joints_m),
-    )
+    names = tuple(f"p{k}" for k in range(people))
+    truth = None if joints_m is None else Truth(COCO17, names, joints_m)
+    views = (ViewSeries.from_views([], [], [], 17),) * 2
+    return Recording(name, rig, 10.0, slots, COCO17, views, truth)
 
 
 def numbered(slots: int, people: int = 1) -> Floats:
     """Return people whose every coordinate is the slot, so that a clip tells where it is from."""
-    return np.broadcast_to(np.arange(slots)[:, None, None, None], (slots, people, 17, 3)).astype(
-        np.float64
-    )
+    return np.arange(slots, dtype=float)[:, None, None, None] * np.ones((1, people, 17, 3))
 
 
 def test_a_clip_ends_where_a_joint_is_unknown() -> None:
@@ -147,12 +126,8 @@ def test_the_end_of_long_motion_is_held_out_a_window_apart() -> None:
 
 
 def test_whole_recordings_are_held_out_by_kind() -> None:
-    training, groups = gather(
-        [recording("ring 1", numbered(100))],
-        [recording("ring 2", numbered(100)), recording("ring 3", numbered(100))],
-        0.2,
-        25,
-    )
+    ring = [recording(f"ring {number}", numbered(100)) for number in (1, 2, 3)]
+    training, groups = gather(ring[:1], ring[1:], 0.2, 25)
     assert len(training) == 1
     assert [(name, len(clips)) for name, clips in groups] == [("ring", 2)]
 
@@ -179,12 +154,8 @@ def test_too_little_motion_is_said(
 
 
 def test_simulated_people_are_drawn_less_than_real_ones() -> None:
-    clips, _ = gather(
-        [recording("real", numbered(100)), recording("simulated ring", numbered(900))],
-        [recording("b", numbered(100))],
-        0.0,
-        25,
-    )
+    learned = [recording("real", numbered(100)), recording("simulated ring", numbered(900))]
+    clips, _ = gather(learned, [recording("b", numbered(100))], 0.0, 25)
     seconds = {c.name.split(",")[0]: c.weight * len(c.joints_m) for c in clips}
     share = seconds["simulated ring"] / sum(seconds.values())
     assert share == pytest.approx(0.2)
@@ -260,14 +231,10 @@ def parabola(slots: int = 40) -> Floats:
     )
 
 
-def test_a_parabola_stays_as_it_is() -> None:
+def test_a_parabola_stays_as_it_is_and_noise_becomes_less() -> None:
     np.testing.assert_allclose(smooth(parabola(), DT), parabola(), atol=1e-9)
-
-
-def test_noise_becomes_less() -> None:
     noise = np.random.default_rng(0).normal(0, 0.02, (400, 5, 3))
-    left = smooth(noise, DT)[5:-5]
-    assert left.std() < 0.75 * 0.02
+    assert smooth(noise, DT)[5:-5].std() < 0.75 * 0.02
 
 
 @pytest.mark.parametrize(("hertz", "least"), [(1.0, 0.99), (2.0, 0.97), (4.0, 0.7)])
@@ -294,11 +261,7 @@ def test_short_gaps_are_closed_and_long_ones_stay() -> None:
     np.testing.assert_allclose(result[:, 0], parabola()[:, 0], atol=1e-9)
     assert np.isnan(result[22:33, 1]).all()
     assert np.isnan(smooth(joints[11:12], DT)[:, 0]).all()
-
-
-def test_nothing_is_made_up_before_and_after() -> None:
-    joints = parabola()
-    joints[:5] = joints[-5:] = np.nan
+    joints[:5] = joints[-5:] = np.nan  # nothing is made up before and after
     result = smooth(joints, DT)
     assert np.isnan(result[:5]).all() and np.isnan(result[-5:]).all()
 
@@ -350,6 +313,8 @@ def test_joints_are_seen_where_they_project() -> None:
         assert view is not None
         expected = camera.project(seen.truth.joints_m[3, 0])
         np.testing.assert_allclose(view.keypoints_px[0], expected, atol=1e-3)
+    with pytest.raises(InputError, match="truth: found none"):
+        watched(replace(captured(standing()), truth=None), 0)
 
 
 def test_without_truth_there_is_nobody_to_see() -> None:
