@@ -13,9 +13,7 @@ from tests.cli.commands import run as run_verb
 from tests.postgres import DATABASE, USER, Server
 
 from e3pose.base.errors import InputError
-from e3pose_hub import accesses as log
 from e3pose_hub import database as hub_database
-from e3pose_hub.accesses import log_accesses, read_accesses
 from e3pose_hub.database import HOUR_NS, MOST_READ, Cursor, keep, open_hub, read_rows
 from e3pose_hub.frames import query
 from e3pose_hub.settings import load_hub
@@ -132,27 +130,16 @@ def test_rows_are_the_same_in_postgresql(tmp_path: Path, postgres: Server) -> No
     for database in (str(tmp_path / "hub.db"), postgres.new_hub()):
         engine = open_hub(database)
         for at, site in enumerate(SITES):
-            keep(engine, site, [*records_of(at, 0, 2000)], Cursor(1, 2000), 1)
+            keep(engine, site, [*records_of(at, 0, 300)], Cursor(1, 300), 1)
         engine.dispose()
         found.append([read_rows(database, table, end=2**60) for table in ("summaries", "hours")])
-        assert read_rows(database, "sites", "lab")[1] == [("lab", 1, 2000, 0, 1, "")]
+        assert read_rows(database, "sites", "lab")[1] == [("lab", 1, 300, 0, 1, "")]
     assert found[0] == found[1]
 
 
 def test_file_of_a_hub_that_names_archives_is_read_for_a_release(tmp_path: Path) -> None:
     (tmp_path / "hub.toml").write_text('format = "e3pose-hub"\nversion = 1\narchives = ["a"]')
     assert load_hub(tmp_path).archives == ("a",)
-
-
-def test_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(log, "MOST", 5)
-    monkeypatch.setattr(log, "SPARE", 1)
-    engine = open_hub(str(tmp_path / "hub.db"))
-    for number in range(9):
-        log_accesses(engine, f"user{number}", ["lab"], "x" * 1000)
-    found = read_accesses(str(tmp_path / "hub.db"))
-    assert [one.who for one in found] == [f"user{number}" for number in (8, 7, 6, 5, 4)]
-    assert len(found[0].what) == 500
 
 
 def test_hours_are_the_sums_of_summaries_however_they_came(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.cases import each_case
-from tests.store.conftest import record, run
+from tests.store.conftest import STARTED_NS, record, run
 
 from e3pose.base.errors import InputError
 from e3pose.output.archive.deleting import delete_everywhere
@@ -16,7 +16,6 @@ from e3pose.store.forgetting import Forgotten
 
 Place = Path | str
 SLOTS = 60
-STARTED_NS = 1_795_000_000_000_000_000
 SITE = "hall"
 
 

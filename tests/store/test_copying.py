@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import select
 from tests.cli.commands import run as run_cli
 from tests.postgres import Server
-from tests.store.conftest import record, run
+from tests.store.conftest import STARTED_NS, record, run
 from tests.store.test_versions import old, tables
 from tests.store.writers import QUICK, stored_slots
 
@@ -20,7 +20,6 @@ from e3pose.store.database import database_url, writing_engine
 
 __all__ = ["old"]  # a fixture
 Place = Path | str
-STARTED_NS = 1_795_000_000_000_000_000
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -119,14 +118,3 @@ def test_command_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert run_cli("store", "copy", str(tmp_path / "none.db"), str(tmp_path / "x.db")) == 2
     assert not (tmp_path / "x.db").exists()
     assert all(len(line) > 0 for line in capsys.readouterr().err.strip().splitlines())
-
-
-def test_tools_of_postgresql_back_up_and_restore(postgres: Server, tmp_path: Path) -> None:
-    """As the guide says, into another database."""
-    source, back = (postgres.new_database() for _ in range(2))
-    fill(source)
-    dump = tmp_path / "lab.dump"
-    done = postgres.run("pg_dump", "--format=custom", source)
-    dump.write_bytes(done.stdout)
-    postgres.run("pg_restore", "--dbname", back, str(dump))
-    assert rows(back) == rows(source)

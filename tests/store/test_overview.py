@@ -79,16 +79,11 @@ def test_stays_are_those_of_everybody_who_was_there(tmp_path: Path) -> None:
     assert stays(20, 30) == []
 
 
-def test_many_slots_are_estimated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(overview, "SLOTS_LOOKED_AT", 40)
-    slots, _ = store.coverage(STARTED_NS, STARTED_NS + 4 * SECOND, 4)
-    assert slots == pytest.approx([25, 25, 0, 25], abs=2)
-
-
 def test_spent_joules_of_a_camera_with_what_was_measured(store: Store) -> None:
     (found,) = store.spent(STARTED_NS, STARTED_NS + 4 * SECOND)
     assert found == ("c0", 18.0, 4.0, 0.5), "video took part of the same time"
     assert store.spent(0, 1) == []
+    assert store.saved(STARTED_NS, STARTED_NS + 4 * SECOND, ACTIVE_W) is None, "no joules of slots"
 
 
 @pytest.fixture(scope="module")
@@ -123,13 +118,12 @@ def test_saving_is_against_active_slots_of_the_same_cameras(charged: Store) -> N
     assert charged.saved(0, 1, ACTIVE_W) is None
 
 
-def test_saving_of_slots_without_joules_is_not_known(store: Store) -> None:
-    assert store.saved(STARTED_NS, STARTED_NS + 4 * SECOND, ACTIVE_W) is None
-
-
-def test_saving_of_many_slots_is_estimated_though_cameras_take_turns(
-    charged: Store, monkeypatch: pytest.MonkeyPatch
+def test_many_slots_are_estimated_though_cameras_take_turns(
+    store: Store, charged: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(overview, "SLOTS_LOOKED_AT", 40)
+    slots, _ = store.coverage(STARTED_NS, STARTED_NS + 4 * SECOND, 4)
+    assert slots == pytest.approx([25, 25, 0, 25], abs=2)
     monkeypatch.setattr(overview, "SLOTS_LOOKED_AT", 100)
     found = charged.saved(STARTED_NS, STARTED_NS + 20 * SECOND, ACTIVE_W)
     assert found is not None and found.percent == pytest.approx(100 * (1 - 14 / 24), abs=1)

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import text
 from tests.cases import each_case
 from tests.cli.commands import run as verb
-from tests.store.conftest import record, run
+from tests.store.conftest import STARTED_NS, record, run
 
 from e3pose.base.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
@@ -31,7 +31,6 @@ from e3pose.store.people import (
 
 Place = Path | str
 SLOTS = 60
-STARTED_NS = 1_795_000_000_000_000_000
 PERSON, OTHER = 10, 11
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.manual_clock import ManualClock
-from tests.store.conftest import record, run
+from tests.store.conftest import STARTED_NS, record, run
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import age_s, size_bytes
@@ -18,7 +19,6 @@ from e3pose.store.retention import BATCH_SLOTS
 from e3pose.store.rows import Row, slot_rows
 from e3pose.store.saver import Delivery
 
-STARTED_NS = 1_795_000_000_000_000_000
 NS = 10**9
 
 
@@ -141,25 +141,19 @@ def test_size_is_kept_by_a_running_writer(tmp_path: Path) -> None:
 
 
 @each_case(
-    ("words", "seconds"),
-    [("30d", 30 * 86400), ("12h", 43200), ("90 min", 5400), ("2w", 14 * 86400), ("1.5s", 1.5)],
-)
-def test_ages(words: str, seconds: float) -> None:
-    assert age_s(words) == seconds
-
-
-@each_case(("words", "size"), [("20GB", 20 * 10**9), ("500 MB", 5 * 10**8), ("0.5tb", 5 * 10**11)])
-def test_sizes(words: str, size: int) -> None:
-    assert size_bytes(words) == size
-
-
-@each_case("words", ["30", "d", "-3d", "0d", "3 months", "20GB"])
-def test_what_is_no_age(words: str) -> None:
-    with pytest.raises(InputError, match="such as 30d"):
-        age_s(words)
-
-
-@each_case("words", ["20", "GB", "-3GB", "10KB", "1d"])
-def test_what_is_no_size(words: str) -> None:
-    with pytest.raises(InputError, match=r"found .*expected"):
-        size_bytes(words)
+    ("read", "words", "value"),
+    [
+        (age_s, "30d", 30 * 86400), (age_s, "12h", 43200), (age_s, "90 min", 5400),
+        (age_s, "2w", 14 * 86400), (age_s, "1.5s", 1.5),
+        *((age_s, words, None) for words in ("30", "d", "-3d", "0d", "3 months", "20GB")),
+        (size_bytes, "20GB", 20 * 10**9), (size_bytes, "500 MB", 5 * 10**8),
+        (size_bytes, "0.5tb", 5 * 10**11),
+        *((size_bytes, words, None) for words in ("20", "GB", "-3GB", "10KB", "1d")),
+    ],
+)  # fmt: skip
+def test_ages_and_sizes(read: Callable[[str], float], words: str, value: float | None) -> None:
+    if value is None:
+        with pytest.raises(InputError, match=r"found .*expected"):
+            read(words)
+    else:
+        assert read(words) == value

@@ -6,15 +6,15 @@ import csv
 import json
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
 from sqlalchemy import update
 from tests.cases import each_case
-from tests.cli.commands import refused
 from tests.cli.commands import run as run_cli
-from tests.store.conftest import KINDS, new_place, record, run
+from tests.store.conftest import KINDS, STARTED_NS, new_place, record, run
 
 from e3pose.base.errors import InputError
 from e3pose.model.skeleton import COCO17
@@ -24,7 +24,7 @@ from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter, schema
 from e3pose.store.database import database_url, writing_engine
 from e3pose.store.times import as_when, iso_text, parse_when
 
-STARTED_NS = 1_795_000_000_000_000_000
+BEGUN = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=STARTED_NS // 1000)
 NUM_SLOTS = 100
 Place = Path | str
 
@@ -33,14 +33,6 @@ Place = Path | str
 def filled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Place:
     """A store for tests that only read."""
     return fill(new_place(request, tmp_path_factory.mktemp("filled")))
-
-
-@pytest.fixture(scope="module")
-def filled_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same in a file."""
-    path = tmp_path_factory.mktemp("filled") / "hall.db"
-    fill(path)
-    return path
 
 
 def fill(place: Place) -> Place:
@@ -89,8 +81,8 @@ def test_everything_comes_back(filled: Place) -> None:
     assert slots[8]["took_s"] == pytest.approx(0.003)
 
 
-def test_slots_come_back_as_the_records_that_they_were(filled_file: Path) -> None:
-    store = Store(filled_file)
+def test_slots_come_back_as_the_records_that_they_were(filled: Place) -> None:
+    store = Store(filled)
     rows, poses = store.rows("slots", "1", "2"), store.query("1", "2")
     found = slot_records(rows, poses, 0.04, first_slot=25)
     assert [made.slot for made in found] == [*range(26)]
@@ -142,7 +134,7 @@ def test_events_and_readings_come_back(filled: Place) -> None:
     assert (left["count"], left["stayed_s"], left["slot"]) == (2, 1.5, 60)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("start", "end", "slots"),
     [
         ("1", "1.08", [25, 26, 27]),
@@ -150,11 +142,10 @@ def test_events_and_readings_come_back(filled: Place) -> None:
         (None, "0s", [0]),
         (STARTED_NS + 40_000_001, STARTED_NS + 120_000_000, [2, 3]),
         ("9", "12", []),
+        (BEGUN + timedelta(seconds=1), BEGUN + timedelta(seconds=1.04), [25, 26]),
     ],
 )
-def test_times_include_both_ends(
-    filled: Place, start: str | int | None, end: str | int | None, slots: list[int]
-) -> None:
+def test_times_include_both_ends(filled: Place, start: Any, end: Any, slots: list[int]) -> None:
     assert np.unique(Store(filled).query(start, end).slots).tolist() == slots
 
 
@@ -166,18 +157,8 @@ def test_one_track_and_one_joint(filled: Place) -> None:
     assert (found.people.joints_m[:, 0, 1] == 1).all()
     assert (found.people.joints_m[:, 0, 2] == COCO17.index("left_wrist")).all()
     assert len(Store(filled).query(track=99)) == 0
-
-
-def test_missing_joint_is_nan_with_score_zero(filled: Place) -> None:
-    found = Store(filled).query("0", "0.04", joint=COCO17.joints[3])
-    assert np.isnan(found.people.joints_m).all()
-    assert (found.people.scores == 0).all()
-
-
-def test_datetimes_are_understood(filled: Place) -> None:
-    start = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=STARTED_NS // 1000)
-    found = Store(filled).query(start + timedelta(seconds=1), start + timedelta(seconds=1.04))
-    assert np.unique(found.slots).tolist() == [25, 26]
+    missing = Store(filled).query("0", "0.04", joint=COCO17.joints[3]).people
+    assert np.isnan(missing.joints_m).all() and (missing.scores == 0).all()
 
 
 def test_sites_and_runs_are_kept_apart(place: Place) -> None:
@@ -286,14 +267,16 @@ def test_the_same_rows_are_written_in_every_format(filled: Place, tmp_path: Path
     assert table.column("x").to_pylist() == list(range(25, 51))
 
 
-@pytest.mark.parametrize("what", ["slots", "tracks", "energy", "events", "zones", "runs"])
-def test_other_tables_are_written_too(filled: Place, tmp_path: Path, what: str) -> None:
+@each_case(
+    ("what", "count"),
+    [("slots", NUM_SLOTS), ("tracks", 2), ("energy", 1), ("events", 1), ("zones", 1), ("runs", 1)],
+)
+def test_other_tables_are_written_too(filled: Place, tmp_path: Path, what: str, count: int) -> None:
     from pyarrow import parquet
 
     out = tmp_path / "out.parquet"
     assert run_cli("export", str(filled), str(out), "--what", what) == 0
-    expected = {"slots": NUM_SLOTS, "tracks": 2, "energy": 1, "events": 1, "zones": 1, "runs": 1}
-    assert parquet.read_table(out).num_rows == expected[what]
+    assert parquet.read_table(out).num_rows == count
 
 
 def test_table_on_the_terminal(filled: Place, capsys: pytest.CaptureFixture[str]) -> None:
@@ -306,28 +289,6 @@ def test_table_on_the_terminal(filled: Place, capsys: pytest.CaptureFixture[str]
     assert "first 40 rows" in capsys.readouterr().out
     assert run_cli("query", str(filled), "--from", "-10min") == 0
     assert "No matching rows" in capsys.readouterr().out
-
-
-@each_case(
-    ("options", "named"),
-    [
-        (["--from", "yesterday"], "yesterday"),
-        (["--from", "3", "--to", "1"], "earlier"),
-        (["--joint", "tail"], "tail"),
-        (["--run", "9"], "run: found 9"),
-        (["--what", "events", "--joint", "nose"], "--joint"),
-        (["--json", "STORE"], "store itself"),
-        (["--json", "/"], "folder"),
-        (["--track", "x"], "whole number"),
-    ],
-)
-def test_wrong_question_is_one_line(
-    filled_file: Path, capsys: pytest.CaptureFixture[str], options: list[str], named: str
-) -> None:
-    words = [str(filled_file) if word == "STORE" else word for word in options]
-    before = filled_file.read_bytes()
-    assert named in refused(capsys, "query", filled_file, *words)
-    assert filled_file.read_bytes() == before
 
 
 BERLIN = timezone(timedelta(hours=1))
@@ -370,11 +331,6 @@ def test_seconds_of_a_run(words: str, seconds: float) -> None:
     assert when.absolute(1000) == 1000 + round(seconds * 10**9)
 
 
-def test_summer_time_counts_on_the_day_asked_for() -> None:
-    when = parse_when("2026-07-01T14:00", NOW, ZoneInfo("Europe/Berlin"))
-    assert when.ns == utc_ns(2026, 7, 1, 12)
-
-
 @each_case(
     "words", ["", "yesterday", "12 parsecs", "2026-13-01", "25:00", "9" * 40, "0001-01-01", "--5"]
 )
@@ -384,6 +340,8 @@ def test_anything_else_is_refused(words: str) -> None:
 
 
 def test_text_and_back_is_the_same_to_the_microsecond() -> None:
+    summer = parse_when("2026-07-01T14:00", NOW, ZoneInfo("Europe/Berlin"))
+    assert summer.ns == utc_ns(2026, 7, 1, 12), "the time of the day that is asked for"
     ns = 1_795_000_000_123_456_789
     assert iso_text(ns) == "2026-11-18T11:06:40.123456Z"
     assert as_when(iso_text(ns), NOW).ns == ns // 1000 * 1000

@@ -205,20 +205,6 @@ def locked(path: Path) -> Iterator[None]:
         other.execute("ROLLBACK")
 
 
-def test_lock_of_another_is_waited_out(tmp_path: Path) -> None:
-    path = tmp_path / "live.db"
-    with StoreWriter(path, run(), QUICK) as writer:
-        writer.append(record(0))
-        assert writer.flush()
-        with locked(path):
-            before_s = time.perf_counter()
-            for slot in range(1, 100):
-                assert writer.append(record(slot))
-            assert time.perf_counter() - before_s < 5.0  # at once, however long the lock is held
-        assert writer.flush()
-    assert stored_slots(path) == list(range(100))
-
-
 def test_flood_of_events_leaves_room_for_slots(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     settings = WriterSettings(commit_s=0.02, queue_slots=100)

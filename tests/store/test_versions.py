@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from sqlalchemy import inspect, text, update
 from tests.cli.commands import refused
-from tests.store.conftest import record, run
+from tests.store.conftest import STARTED_NS, record, run
 
 from e3pose.base.errors import InputError
 from e3pose.store import EnergyReading, Event, Store, StoreWriter, migrations, schema
@@ -24,7 +24,6 @@ from e3pose.store.rows import energy_row, event_row, slot_rows
 from e3pose.store.saver import Delivery, known
 
 Place = Path | str
-STARTED_NS = 1_795_000_000_000_000_000
 SLOTS = 40
 OF_PEOPLE = {"track_id", "zone", "phase", "start_ns", "score"}
 LATER = {"slots": {"blind"}, "poses": {"dynamics"}, "events": OF_PEOPLE}  # columns since
