@@ -18,7 +18,6 @@ from e3pose.base.quantities import age_s, size_bytes
 from e3pose.base.table import entries
 from e3pose.model.camera import Rig
 from e3pose.model.rigs import ring_rig
-from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.settings.events_table import EventsTable
@@ -33,10 +32,9 @@ from e3pose.settings.site_file import (
     ZoneTable,
     load_site,
 )
-from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.simulate import SceneSettings
 from e3pose.site.edge_program import check_edge
-from e3pose.site.example import make_example, write_recorded
-from e3pose.site.up import camera_command
+from e3pose.site.example import make_example
 from e3pose.wire.endpoint import read_host_port
 
 ROOT = Path(__file__).parent.parent
@@ -79,7 +77,8 @@ def test_example_camera_is_of_the_example_site() -> None:
 def test_page_explains_every_key_and_its_default(table: Any) -> None:
     (text,) = re.findall(rf"<!-- {table.__name__} -->\n(.*?)\n\n", TEXT, re.S)
     rows = dict(re.findall(r"^\| `(\w+)` \|\s*([^|]*?)\s*\|", text, re.M))
-    fields = {item.key: (item, defaults(table).get(item.field)) for item in entries(table)}
+    defaults: dict[str, Any] = {field.name: field.default for field in dataclass_fields(table)}
+    fields = {item.key: (item, defaults.get(item.field)) for item in entries(table)}
     parts = {"link", "store", "record", "view", "loop", "energy", "zone", "events", "camera"}
     tables = parts if table is SiteTable else set()
     assert set(rows) == set(fields) - tables - {"format", "version"}
@@ -100,24 +99,6 @@ def test_page_explains_every_key_and_its_default(table: Any) -> None:
             if item.read is age_s:
                 shown = f"{default / 86400:g}d"
             assert cell in (f"`{shown}`", f"`{shown.removesuffix('.0')}`"), name
-
-
-def defaults(table: Any) -> dict[str, Any]:
-    return {field.name: field.default for field in dataclass_fields(table)}
-
-
-def test_made_example_is_a_site_that_can_be_started(tmp_path: Path) -> None:
-    scene = SceneSettings(
-        people=1, seconds=1.0, fps=10, cameras=3, detector=DetectorSettings(perfect=True)
-    )
-    recording = simulate(scene, 0)
-    path = write_recorded(tmp_path / "try", recording)
-    site = resolve_site(path)
-    assert site.file.fps == 10 and str(site.file.link.endpoint).startswith("tcp/127.0.0.1:")
-    command = camera_command(site, "cam1")
-    source = command[command.index("--source") + 1]
-    assert source.startswith("recorded:")
-    assert load_recording(Path(source.partition(":")[2])).num_slots == 10
 
 
 def test_example_is_made_in_a_new_folder_only(

@@ -172,22 +172,6 @@ def test_hub_and_lab_import_nothing_of_each_other(package: str, other: str) -> N
     assert {str(path): names for path in paths if (names := foreign(nodes(path), other))} == {}
 
 
-def test_an_import_of_another_distribution_is_seen() -> None:
-    def found(text: str, package: str) -> list[str]:
-        return foreign(ast.walk(ast.parse(text)), package)
-
-    assert found("import e3pose_lab.train.online\nimport bench_step", "e3pose_lab") == [
-        "e3pose_lab.train.online", "bench_step",
-    ]  # fmt: skip
-    assert found("from e3pose_hub import page", "e3pose_hub") == ["e3pose_hub"]
-    assert found("from e3pose.site import page\nimport settings", "e3pose_hub") == []
-
-
-def test_a_climb_is_seen() -> None:
-    assert climbs("model", ["e3pose.select.policies.base"]) == ["e3pose.select.policies.base"]
-    assert climbs("select", ["e3pose.model.pose"]) == []
-
-
 def test_guard_bites_on_a_shell() -> None:
     pure, shell = loaded_by("e3pose.pipeline", "e3pose.base.dispatcher")
     assert HEAVY & pure == set() and "numba" in HEAVY & shell
@@ -224,11 +208,6 @@ def test_no_modules_import_each_other() -> None:
     """Laws and kernels, settings and what reads them: neither can be read without the other."""
     names = {name: path for name, path in FILES.items() if path.name != "__init__.py"}
     assert circles({name: modules_of(path) - {name} for name, path in names.items()}) == []
-
-
-def test_a_circle_is_seen() -> None:
-    assert circles({"a": ["b"], "b": ["c"], "c": ["b"]}) == [{"b", "c"}, {"b", "c"}]
-    assert circles({"a": ["b"], "b": ["c"]}) == []
 
 
 HELP = """
@@ -625,9 +604,20 @@ def test_docstrings_name_what_is_there() -> None:
     assert len(named) > 500 and not stale, "\n".join(stale)
 
 
-def test_a_name_that_is_gone_is_found() -> None:
-    lines = ("def f(a: int) -> None:", '"""Do.', "", "Args:", "    a: one.", "    b: two.", '"""')
-    text = "\n    ".join(lines)
-    (node,) = ast.parse(text).body
+def test_guards_see_what_they_look_for() -> None:
+    def found(text: str, package: str) -> list[str]:
+        return foreign(ast.walk(ast.parse(text)), package)
+
+    assert found("import e3pose_lab.train\nimport bench_step", "e3pose_lab") == [
+        "e3pose_lab.train", "bench_step",
+    ]  # fmt: skip
+    assert found("from e3pose_hub import page", "e3pose_hub") == ["e3pose_hub"]
+    assert found("from e3pose.site import page\nimport settings", "e3pose_hub") == []
+    assert climbs("model", ["e3pose.select.policies.base"]) == ["e3pose.select.policies.base"]
+    assert climbs("select", ["e3pose.model.pose"]) == []
+    assert circles({"a": ["b"], "b": ["c"], "c": ["b"]}) == [{"b", "c"}, {"b", "c"}]
+    assert circles({"a": ["b"], "b": ["c"]}) == []
+    stale = ("def f(a: int) -> None:", '"""Do.', "", "Args:", "    a: one.", "    b: two.", '"""')
+    (node,) = ast.parse("\n    ".join(stale)).body
     assert isinstance(node, ast.FunctionDef)
     assert listed(node) - existing(node) == {"b"}
