@@ -172,17 +172,20 @@ def _pairs(observations: Sequence[Observation]) -> tuple[Integers, Integers]:
 
 
 def _medians(values: Floats) -> Floats:
-    """Return lower medians over the second axis, without NaN."""
-    known = np.isfinite(values)
-    ranked = np.sort(np.where(known, values, np.inf), axis=1)
-    middle = (known.sum(axis=1, keepdims=True) - 1) // 2
-    return np.asarray(np.take_along_axis(ranked, np.maximum(middle, 0), axis=1)[:, 0])
+    """Return lower medians over the second axis, without NaN, which all of a last axis are or none.
+
+    NaN sorts last, so that no other array is needed.
+    """
+    known = np.isfinite(values[..., 0]).sum(axis=1)
+    rows = np.maximum((known - 1) // 2, 0)
+    return np.asarray(np.sort(values, axis=1)[np.arange(len(values)), rows])
 
 
 def turned_deg(watch: Votes) -> tuple[Floats, Floats]:
     """Return `(num_cameras,)` degrees by which each camera seems turned, and lower bounds.
 
-    NaN where too little is seen; the bound is the minimum over parts of the window.
+    NaN where too little is seen; the bound is the minimum over parts of the window, and 0 of a
+    camera that is turned by no more than `MOVED_DEG`.
     """
     found = np.array([_turn(votes) for votes in watch.votes])
     return found[:, 0], found[:, 1]
@@ -205,7 +208,7 @@ def moved(degrees: Floats, least: Floats) -> Displacement | None:
 
 def _turn(votes: Floats) -> tuple[float, float]:
     poses = len(np.unique(votes[:, 0] + 1j * votes[:, 1]))
-    if poses < MIN_VOTES or np.ptp(votes[:, 0]) < SPAN_S:
+    if poses < MIN_VOTES or votes[-1, 0] - votes[0, 0] < SPAN_S:  # oldest first
         return np.nan, np.nan
     offsets, slopes = votes[:, 4:], _slopes(votes[:, 2:4])
     tried = offsets[:: -(-len(offsets) // MOST_TRIED)]
@@ -215,17 +218,19 @@ def _turn(votes: Floats) -> tuple[float, float]:
     good = np.linalg.norm(offsets - middle, axis=1) < 2 * NEAR
     rotation = np.zeros(3)
     for _ in range(4):
-        rotation = _rotation(slopes[good], offsets[good])
+        rotation, before = _rotation(slopes[good], offsets[good]), good
         good = np.linalg.norm(offsets - slopes @ rotation, axis=1) < 2 * NEAR
         if good.sum() < MIN_VOTES / 2:
             return np.nan, np.nan
+        if (good == before).all():
+            break
     if good.sum() < MIN_SHARE * poses:
         return np.nan, np.nan
     size = float(np.linalg.norm(rotation))
+    if np.degrees(size) <= MOVED_DEG:
+        return float(np.degrees(size)), 0.0
     parts = np.array_split(np.flatnonzero(good), PARTS)
-    along = [
-        float(_rotation(slopes[part], offsets[part]) @ rotation) / max(size, 1e-9) for part in parts
-    ]
+    along = [float(_rotation(slopes[part], offsets[part]) @ rotation) / size for part in parts]
     return float(np.degrees(size)), float(np.degrees(min(along)))
 
 
