@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Insert, Table, bindparam, insert, update
+from sqlalchemy import ColumnElement, Connection, Insert, Table, Update, bindparam, insert, update
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.exc import DBAPIError
 
@@ -278,6 +279,7 @@ def known(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
+@cache
 def new_rows(dialect: str, table: Table) -> Insert:
     """Return an insert that keeps existing rows."""
     if dialect == "postgresql":
@@ -285,29 +287,29 @@ def new_rows(dialect: str, table: Table) -> Insert:
     return insert(table).prefix_with("OR IGNORE")
 
 
+def _at_end(end: str, beyond: ColumnElement[bool]) -> Update:
+    """Return an update of one end of tracks that were seen beyond it."""
+    columns = schema.tracks.c
+    mine = columns.run_id == bindparam("run"), columns.track_id == bindparam("track")
+    values: dict[str, Any] = {f"{end}_slot": bindparam("slot"), f"{end}_ns": bindparam("ns")}
+    return update(schema.tracks).where(*mine, beyond).values(values)
+
+
+_ENDS = {  # made once: a statement takes as long to make as to run
+    "last": _at_end("last", schema.tracks.c.last_slot < bindparam("slot")),
+    "first": _at_end("first", schema.tracks.c.first_slot > bindparam("slot")),
+}
+
+
 def _extend_tracks(connection: Connection, run_id: int, tracks: list[dict[str, Any]]) -> None:
     if not tracks:
         return
-    table = schema.tracks
-    connection.execute(
-        new_rows(connection.dialect.name, table), [{**t, "run_id": run_id} for t in tracks]
-    )
-    mine = (table.c.run_id == bindparam("run"), table.c.track_id == bindparam("track"))
-    later = update(table).where(*mine, table.c.last_slot < bindparam("slot"))
-    earlier = update(table).where(*mine, table.c.first_slot > bindparam("slot"))
-    for end, statement in (("last", later), ("first", earlier)):
-        connection.execute(
-            statement.values({f"{end}_slot": bindparam("slot"), f"{end}_ns": bindparam("ns")}),
-            [
-                {
-                    "run": run_id,
-                    "track": t["track_id"],
-                    "slot": t[f"{end}_slot"],
-                    "ns": t[f"{end}_ns"],
-                }
-                for t in tracks
-            ],
-        )
+    made = [{**track, "run_id": run_id} for track in tracks]
+    connection.execute(new_rows(connection.dialect.name, schema.tracks), made)
+    for end, statement in _ENDS.items():
+        seen = ((t["track_id"], t[f"{end}_slot"], t[f"{end}_ns"]) for t in tracks)
+        rows = [{"run": run_id, "track": t, "slot": slot, "ns": ns} for t, slot, ns in seen]
+        connection.execute(statement, rows)
 
 
 RETRY_S = 1.0
