@@ -42,7 +42,8 @@ def unpack(array: Array) -> NDArray[Any]:
     Args:
         array: of a message that `decode` has checked.
     """
-    return np.frombuffer(array.data, dtype=DTYPES[array.dtype]).reshape(array.shape)
+    unpacked: NDArray[Any] = np.ndarray(array.shape, DTYPES[array.dtype], array.data)
+    return unpacked
 
 
 def poses_2d(view: View) -> Poses2D:
