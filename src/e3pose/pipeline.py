@@ -192,10 +192,10 @@ def step(
 
     situation = _situation(pipeline, state, occlusion, visibility, online)
     warming_up = (slot if pipeline.queue.as_published else situation.slot) < pipeline.warmup_slots
-    if warming_up:
-        decision = np.array(online)  # Algorithm 1: not charged
-    else:
-        state, decision = _decide(pipeline, state, situation, estimate.people)
+    decision, spent = np.array(online), (state.deficit, state.asleep_until, state.rest)
+    if not warming_up:  # Algorithm 1: not charged before
+        decision, spent = _decide(pipeline, state, situation, estimate.people)
+    deficit, asleep_until, rest = spent
     followed = estimate.history.track_ids
     focused, expected = _feedback(pipeline, state, warming_up, decision, best, followed)
     times.append(clock())
@@ -206,20 +206,23 @@ def step(
         arrived=arrived,
         people=shown.people,
         occlusion=occlusion,
-        deficit=state.deficit,
+        deficit=deficit,
         next_selection=decision,
-        reasons=_reasons(situation, decision, state.rest.operator_note()),
+        reasons=_reasons(situation, decision, rest.operator_note()),
         stage_s={**estimate.stage_s, **_spent_s(times)},
         noise_factors=estimate.noise_factors,
         expected=expected,
-        asleep_until=state.asleep_until,
+        asleep_until=asleep_until,
     )
     after = changed(
         state,
         slot=slot + 1,
         selections=np.concatenate([state.selections[1:], decision[None]]),
+        deficit=deficit,
         shown=shown,
         focused=focused,
+        asleep_until=asleep_until,
+        rest=rest,
     )
     return after, record
 
@@ -306,8 +309,11 @@ def _later(pipeline: Pipeline, state: SlotState, seconds: float) -> Foresight:
 
 def _decide(
     pipeline: Pipeline, state: SlotState, situation: Situation, people: People
-) -> tuple[SlotState, Selection]:
-    """Return the state after the decision, and the cameras of the slot that is decided now."""
+) -> tuple[Selection, tuple[Floats, Integers, RestMemory]]:
+    """Return the cameras of the slot that is decided now.
+
+    Also returns `deficit`, `asleep_until` and `rest` of the state after the decision.
+    """
     policy, rests, until = pipeline.policy, pipeline.rests, state.asleep_until
     rest = state.rest
     if rests is not None:
@@ -322,8 +328,7 @@ def _decide(
         decision = with_requested(decision, situation, pipeline.request)
     else:
         rest = rests.charged(rest, decision, until > situation.slot, situation.interval_s)
-    deficit = pipeline.queue.after(state.deficit, decision)
-    return changed(state, deficit=deficit, asleep_until=until, rest=rest), decision
+    return decision, (pipeline.queue.after(state.deficit, decision), until, rest)
 
 
 def _feedback(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
 
@@ -498,6 +498,8 @@ class Turn:
         late: that came too late of each so far.
         views_late: whether a view of each came too late since the slot before.
         orders_late: whether late orders excuse each for bringing no view.
+        online: whether each can be reached.
+        arrived: whether the view of each came in time.
     """
 
     states: Integers
@@ -507,21 +509,18 @@ class Turn:
     late: Integers
     views_late: Flags
     orders_late: Flags
+    online: Flags = field(init=False)
+    arrived: Flags = field(init=False)
 
-    @property
-    def online(self) -> Flags:
-        """Cameras that can be reached."""
-        return np.asarray(self.states >= int(ON_TRIAL))  # a fourth of a member's time
+    def __post_init__(self) -> None:
+        online = self.states >= int(ON_TRIAL)  # comparing with a member takes four times as long
+        object.__setattr__(self, "online", online)
+        object.__setattr__(self, "arrived", np.isfinite(self.ages_s))
 
     @property
     def expected(self) -> Flags:
         """Cameras that can be reached, or sleep by order."""
         return np.asarray(self.online | (self.states == int(ASLEEP)))
-
-    @property
-    def arrived(self) -> Flags:
-        """Cameras whose view came in time."""
-        return np.asarray(np.isfinite(self.ages_s))
 
     @property
     def reached(self) -> Flags:
@@ -631,21 +630,22 @@ def after_slot(
         fair: whether the edge keeps up, so that cameras are to blame for what they do not deliver.
     """
     ordered, arrived = turn.ordered & turn.online, turn.arrived
-    came = turn.views > before.views
-    new, ages_s = np.flatnonzero(came), before.ages_s.copy()
-    ages_s[new, turn.views[new] % NEWEST_AGES] = np.where(arrived, turn.ages_s, np.inf)[new]
+    came, ages_s = turn.views > before.views, before.ages_s.copy()
+    for camera in np.flatnonzero(came).tolist():
+        newest_s = turn.ages_s[camera] if arrived[camera] else np.inf
+        ages_s[camera, turn.views[camera] % NEWEST_AGES] = newest_s
     blind_slots = 0 if arrived.any() else before.blind_slots + 1
     share = before.share
     if blind_slots < BLIND_SLOTS:
         share = np.where(ordered, share + (arrived - share) / SHARE_ORDERS, share)
-    unreliable = turn.online & (share < RELIABLE)
+    unreliable = share < RELIABLE
     return changed(
         before,
         **_delivered(before, ordered & ~turn.orders_late & fair, turn, given_up, interval_s),
         share=share,
         unanswered_s=np.where(arrived, 0.0, before.unanswered_s + interval_s * ordered),
         silent=np.where(came, 0, before.silent + ordered),
-        seldom_s=np.where(share < RELIABLE, before.seldom_s + interval_s * unreliable, 0.0),
+        seldom_s=np.where(unreliable, before.seldom_s + interval_s * turn.online, 0.0),
         ages_s=ages_s,
         views=turn.views,
         late=turn.late,
@@ -690,14 +690,15 @@ def waits_s(answers: Answers, awaited: Flags, deadline_s: float) -> Floats:
 
     Args:
         answers: of the cameras.
-        awaited: `(num_cameras,)` cameras with an order that can be reached.
+        awaited: `(num_cameras,)` cameras with an order.
         deadline_s: after which no slot waits.
     """
-    longest_s = answers.ages_s.max(axis=1)
-    longest_s = np.where(np.isneginf(longest_s), np.inf, longest_s)
-    usual_s = np.minimum(PATIENCE * longest_s, deadline_s)
-    wait_s = np.where(answers.share >= AWAITED, deadline_s, usual_s)
-    return np.where(awaited & (answers.silent < SILENT_ORDERS), wait_s, 0.0)
+    wait_s = np.where(awaited & (answers.silent < SILENT_ORDERS), deadline_s, 0.0)
+    for camera in np.flatnonzero((answers.share < AWAITED) & (wait_s > 0)).tolist():
+        longest_s = answers.ages_s[camera].max()
+        if longest_s > -np.inf:
+            wait_s[camera] = min(PATIENCE * longest_s, wait_s[camera])
+    return wait_s
 
 
 def tried(answers: Answers, states: Integers, slot: int, interval_s: float) -> Flags:

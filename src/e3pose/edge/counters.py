@@ -97,8 +97,11 @@ class Counts:
         self.stepping.add(took_ns)
         if record.blind:
             self.blind = {**self.blind, record.blind: self.blind.get(record.blind, 0) + 1}
-        blind = bool(record.blind)
-        counted = np.append(record.selected & (not blind), blind).astype(np.int64)
+        counted = np.zeros(self.num_cameras + 1, dtype=np.int64)
+        if record.blind:
+            counted[-1] = 1
+        else:
+            counted[:-1] = record.selected
         self._minute.append(counted)
         if len(self._minute) > max(1, round(MINUTE_S / self.interval_s)):
             counted = counted - self._minute.popleft()

@@ -153,6 +153,8 @@ class Inbox:
             slot: of the orders.
             lead: slots from the one that orders are made from to theirs.
         """
+        if not asleep_until.any():
+            return asleep_until
         until = np.where(self.can_sleep() & (asleep_until > slot), asleep_until, 0)
         for index in np.flatnonzero(until).tolist():
             slept = int(until[index])

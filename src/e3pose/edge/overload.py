@@ -94,6 +94,8 @@ def after_work(
     """
     kept = math.exp(-interval_s / AVERAGED_S)
     busy = kept * load.busy + (1 - kept) * took_s / interval_s
+    behind_s = kept * load.behind_s + (1 - kept) * max(behind_s, 0.0)
+    slow = busy > HIGH or behind_s > max(BEHIND_S, interval_s)
     load = changed(
         load,
         busy=busy,
@@ -102,10 +104,9 @@ def after_work(
         awake=kept * load.awake + (1 - kept) * awake
         if load.level == FULL and awake is not None
         else load.awake,
-        behind_s=kept * load.behind_s + (1 - kept) * max(behind_s, 0.0),
+        behind_s=behind_s,
+        blamed_s=0.0 if slow else load.blamed_s + interval_s,
     )
-    slow = busy > HIGH or load.behind_s > max(BEHIND_S, interval_s)
-    load = changed(load, blamed_s=0.0 if slow else load.blamed_s + interval_s)
     if busy > HIGH and load.level < HALF_RATE and load.since_s >= SETTLED_S:
         too_early = load.eased and load.since_s < FAILED_S
         wait_s = min(2 * load.wait_s, LONGEST_CALM_S) if too_early else CALM_S

@@ -315,8 +315,7 @@ class EdgeServer:
             found = self.inbox.standings(missing)
             return [c for c, (state, _) in zip(missing, found, strict=True) if state == State.READY]
 
-        ordered, online = self._ordered(times, slot), self.inbox.states() == int(State.READY)
-        longest_s = waits_s(self.answers, ordered & online, self.settings.deadline_s)
+        longest_s = waits_s(self.answers, self._ordered(times, slot), self.settings.deadline_s)
         middle_ns = times.middle_ns(slot)
         until_ns = {c: middle_ns + round(s * 1e9) for c, s in enumerate(longest_s.tolist()) if s}
         return self.gather.wait(self.clock, self.threads.stopping, middle_ns, until_ns, awaited)
@@ -368,7 +367,8 @@ class EdgeServer:
             if self.ready:
                 raise
             return
-        record = changed(record, blind=blind)
+        if blind:
+            record = changed(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         if self.ready:
             self._order_next(times, slot, record, turn, newest_late)
@@ -442,8 +442,9 @@ class EdgeServer:
 
     def _update_pipeline(self, times: SlotTimes, record: SlotRecord, online: Flags) -> None:
         """Update lead, predictor and budgets between two slots."""
-        until = np.where(self.inbox.can_sleep(), self.state.asleep_until, 0)
-        self.state = changed(self.state, asleep_until=until)
+        if self.state.asleep_until.any():
+            until = np.where(self.inbox.can_sleep(), self.state.asleep_until, 0)
+            self.state = changed(self.state, asleep_until=until)
         while self.inbox.overslept:
             name, said = self.inbox.overslept.popleft()
             self.event_log.report("camera-overslept", said, name)
