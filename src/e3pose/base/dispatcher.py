@@ -18,9 +18,9 @@ from typing import Any
 import llvmlite.binding as llvm
 import numba
 from numba import types
-from numba.core import cpu, event
+from numba.core import config, cpu, event
 from numba.core.caching import NullCache
-from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import JITCodeLibrary, get_host_cpu_features
 from numba.core.compiler import Flags, compile_extra
 from numba.core.registry import CPUDispatcher
 
@@ -30,6 +30,10 @@ from e3pose.base.kernel_cache import KernelCache
 # Of the fast-math flags only `contract` is safe: it fuses a product and a sum, with one rounding
 # where the reference has two. Reordering or ignoring NaN would break the agreement.
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+# LLVM fills half of each vector register, as older processors slow down for whole ones. Those that
+# know half precision do not: a product of the network takes 0.7 of the time, to the same bit.
+if config.CPU_FEATURES is None and "+avx512fp16" in get_host_cpu_features().split(","):
+    config.CPU_FEATURES = f"{get_host_cpu_features()},-prefer-256-bit"
 
 
 class Part(JITCodeLibrary):  # type: ignore[misc]
