@@ -16,7 +16,7 @@ from collections.abc import Callable
 from functools import update_wrapper
 from importlib import import_module
 from types import FunctionType, SimpleNamespace
-from typing import Any, Generic, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 
@@ -41,22 +41,20 @@ class Interpreting(threading.local):
 INTERPRETING = Interpreting()
 
 
-class Kernel(Generic[Parameters, Result]):
+class Kernel:
     """A function that numba compiles for the types of its first call, and keeps on disk.
 
     Kernels call each other like functions. What the compiler takes over from a module, constants
     and kernels, is looked up when it compiles.
     """
 
-    def __init__(self, function: Callable[Parameters, Result]) -> None:
+    def __init__(self, function: Callable[..., Any]) -> None:
         self.py_func = function
         update_wrapper(self, function)
 
-    def __call__(self, *args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
-        """Compile the function if need be, and call it."""
-        call = self.interpreted if INTERPRETING.on else self.compiled
-        result: Result = call(*args, **kwargs)
-        return result
+    def __call__(self, *args: Any) -> Any:
+        """Compile the function if need be, and call it; named arguments would make each slower."""
+        return (self.interpreted if INTERPRETING.on else self.compiled)(*args)
 
     def __getattr__(self, name: str) -> Any:
         """Make `compiled`, numba's dispatcher, or `interpreted` when it is first asked for."""
@@ -87,7 +85,7 @@ class Kernel(Generic[Parameters, Result]):
 def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
     """Declare a kernel: free of the interpreter lock, division as in numpy."""
     COMPILING.expect(function)
-    return Kernel(function)
+    return cast("Callable[Parameters, Result]", Kernel(function))
 
 
 def is_cached(kernel: Any) -> bool | None:
