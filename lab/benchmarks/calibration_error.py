@@ -30,7 +30,7 @@ from e3pose.simulate import SceneSettings, simulate
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))  # scenes of the tests
 
-from tests.calibrate import sounds as sound
+from tests.calibrate import test_sound as sound
 from tests.calibrate.people_scenes import (
     distances,
     every,
