@@ -127,30 +127,6 @@ def test_large_messages_take_no_memory_of_the_edge(site: Site, camera_id: str) -
     assert most - before < GROWTH
 
 
-def test_views_still_come_through_the_limits(site: Site) -> None:
-    with edge_process(site) as edge:
-        assert edge.stdout is not None
-        camera = site.camera("cam1")
-        come = threading.Event()
-        sizes: list[str] = []
-
-        def read() -> None:
-            assert edge.stdout is not None
-            sizes.append(edge.stdout.readline())
-            come.set()
-
-        reader = threading.Thread(target=read)
-        reader.start()
-
-        def arrived() -> bool:
-            camera.publish("e3pose/lab/camera/cam1/view", b"x" * access.VIEW_BYTES)
-            return come.wait(0.1)
-
-        assert eventually(arrived)
-        reader.join()
-        assert sizes == [f"{access.VIEW_BYTES}\n"]
-
-
 def test_who_only_shows_a_certificate_is_given_up(site: Site) -> None:
     with edge_process(site) as edge:
         files = certificates_in(site.folder / "cameras" / "cam3", "camera")
@@ -170,9 +146,7 @@ def test_who_only_shows_a_certificate_is_given_up(site: Site) -> None:
                 one.close()
 
 
-def test_session_beyond_the_limit_waits_outside(
-    site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_beyond_the_limit_waits(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(access, "MAX_SESSIONS", 2)
     edge = site.edge()
     heard: list[str] = []

@@ -66,20 +66,6 @@ def test_camera_listens_nowhere_and_the_edge_as_configured(site: Site) -> None:
     edge.close()
 
 
-def test_presence_is_noticed_and_its_end(site: Site) -> None:
-    edge = site.edge()
-    seen: list[tuple[str, bool]] = []
-    edge.watch("e3pose/lab/camera/*/alive", lambda t, there: seen.append((t, there)))
-    camera = site.camera("cam2")
-    camera.be_present("e3pose/lab/camera/cam2/alive")
-    camera.be_present("e3pose/lab/camera/cam1/alive")  # not its own
-    assert eventually(lambda: ("e3pose/lab/camera/cam2/alive", True) in seen)
-    camera.close()
-    assert eventually(lambda: ("e3pose/lab/camera/cam2/alive", False) in seen)
-    assert not any("cam1" in topic for topic, _ in seen)
-    edge.close()
-
-
 def test_port_that_is_taken_is_reported_with_what_to_do() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -92,9 +78,7 @@ def test_port_that_is_taken_is_reported_with_what_to_do() -> None:
         f"(`ss -ltnp 'sport = :{port}'` names it), such as another run of this site, or choose "
         "another port"
     )
-
-
-def test_port_is_checked_without_opening_it() -> None:
+    # Port is checked without opening it.
     with socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", 0))

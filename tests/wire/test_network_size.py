@@ -15,7 +15,7 @@ from tests.ports import free_port
 from tests.waiting import eventually
 from tests.wire.certified_site import Site
 
-from e3pose.wire.access import Link
+from e3pose.wire.access import VIEW_BYTES, Link
 from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.network import open_network
 
@@ -43,7 +43,7 @@ def test_what_is_far_too_large_does_not_even_arrive(site: Site) -> None:
 
     def arrived() -> bool:
         got.clear()
-        camera.publish("e3pose/lab/camera/cam1/view", b"x" * 2**18)
+        camera.publish("e3pose/lab/camera/cam1/view", b"x" * VIEW_BYTES)
         camera.publish("e3pose/lab/camera/cam1/heartbeat", b"x" * 2**12)
         time.sleep(0.1)
         return {what for what, _ in got} == {"view", "heartbeat"}
@@ -56,12 +56,12 @@ def test_what_is_far_too_large_does_not_even_arrive(site: Site) -> None:
         time.sleep(SILENCE_S)
         seen |= {*got}
     assert eventually(arrived)  # the link is there still
-    assert seen | {*got} == {("view", 2**18), ("heartbeat", 2**12)}
+    assert seen | {*got} == {("view", VIEW_BYTES), ("heartbeat", 2**12)}
     edge.close()
 
 
 @pytest.mark.parametrize("role", ["edge", "router"])
-def test_question_or_hello_that_is_far_too_large_does_not_even_arrive(
+def test_large_question_or_hello_does_not_even_arrive(
     role: Literal["edge", "router"],
 ) -> None:
     endpoint, hellos = f"tcp/127.0.0.1:{free_port()}", list[int]()

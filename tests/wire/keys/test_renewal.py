@@ -52,9 +52,7 @@ def keys(tmp_path: Path) -> Path:
     ("desk", "operators/desk", "operator"),
     ("house", "hubs/house", "hub"),
 ])  # fmt: skip
-def test_renewed_certificate_is_that_of_the_same_holder(
-    keys: Path, name: str, place: str, role: str
-) -> None:
+def test_renewed_certificate_is_the_holder_s(keys: Path, name: str, place: str, role: str) -> None:
     path = keys / place / f"{role}.pem"
     before, roll, later = path.read_bytes(), read_roll(keys), END - 10 * DAY
     assert renew_keys(keys, name, later) == keys / place
@@ -157,14 +155,14 @@ def test_file_of_another_holder_is_not_renewed(keys: Path) -> None:
         renew_keys(keys, "cam1", NOW)
 
 
-@pytest.mark.parametrize("name", ["*#1", "a/b#1", "desk", "../x#1"])
-def test_certificate_of_others_has_no_holder(keys: Path, name: str) -> None:
+def test_certificate_of_others_has_no_holder(keys: Path) -> None:
     files = certificates_in(keys / "operators/desk", "operator")
     assert holder(files) == "desk"
     pair = make_authority("lab", NOW)
-    files.certificate.write_bytes(make_certificate(*pair, name, [], NOW)[0])
-    with pytest.raises(InputError, match=r"operator\.pem: certificate.* expected one that"):
-        holder(files)
+    for name in ("*#1", "a/b#1", "desk", "../x#1"):
+        files.certificate.write_bytes(make_certificate(*pair, name, [], NOW)[0])
+        with pytest.raises(InputError, match=r"operator\.pem: certificate.* expected one that"):
+            holder(files)
 
 
 def test_what_expires_soon_is_named(keys: Path) -> None:
@@ -187,6 +185,7 @@ def test_expiry_is_reported_once_a_day_and_again_when_it_has_come(keys: Path) ->
         watch.update()
         return list(said)
 
+    ExpiryWatch(None, lambda *_: pytest.fail("reported")).update()
     watch = ExpiryWatch(keys, lambda _, line: said.append(line), lambda: now[0], lambda: now_s[0])
     assert pass_by(DAY) == []
     lines = pass_by(25 * DAY)
@@ -199,7 +198,3 @@ def test_expiry_is_reported_once_a_day_and_again_when_it_has_come(keys: Path) ->
     assert "cam1 expired on 2029-02-25 12:00 UTC: no new connection is accepted with it" in lines[1]
     renew_keys(keys, "edge", now[0])
     assert len(pass_by(2 * AGAIN)) == 3
-
-
-def test_site_without_certificates_has_nothing_to_report() -> None:
-    ExpiryWatch(None, lambda *_: pytest.fail("reported")).update()
