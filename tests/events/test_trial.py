@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from tests.cases import each_case
 from tests.events.bodies import doing, seen
+from tests.events.test_rules import BED
 
 from e3pose.events import watch as watching
 from e3pose.events.people import Seen
@@ -14,7 +15,6 @@ from e3pose.events.trial import NOBODY_DOWN, NOBODY_SEEN, Trial, account, advanc
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
 from e3pose.settings.site_file import ZoneTable
-from e3pose.simulate.episodes import BED_M
 
 LATE_NS = 100_000_000
 
@@ -66,25 +66,22 @@ def test_what_is_no_fall_says_why(kind: str, why: str) -> None:
     assert why in account(trial, EventsTable())
 
 
-def test_too_short_a_lie_names_the_setting() -> None:
-    table = EventsTable(fall_s=60.0)
-    trial, _ = tried(seen(doing("fall-left", 0)), table)
-    assert "a fall is reported after fall_s" in account(trial, table)
-
-
 def test_lying_on_a_bed_is_said_to_be_no_floor() -> None:
-    square = ((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0))
-    trial, said = tried(
-        seen(doing("lie-on-bed", 0)), zones=(ZoneTable("bed", square, height_m=BED_M),)
-    )
+    trial, said = tried(seen(doing("lie-on-bed", 0)), zones=(BED,))
     assert any("lying on bed, not on the floor" in line for line in said)
     assert "is no floor" in account(trial, EventsTable())
 
 
-def test_a_site_without_the_kind_says_so() -> None:
-    table = EventsTable(kinds=("waved",))
+@each_case(
+    ("table", "why"),
+    [
+        (EventsTable(fall_s=60.0), "a fall is reported after fall_s"),
+        (EventsTable(kinds=("waved",)), "does not list it"),
+    ],
+)
+def test_a_fall_that_is_not_to_be_told_names_the_setting(table: EventsTable, why: str) -> None:
     trial, _ = tried(seen(doing("fall-left", 0)), table)
-    assert "does not list it" in account(trial, table)
+    assert why in account(trial, table)
 
 
 def test_a_new_number_is_the_same_person() -> None:

@@ -8,14 +8,12 @@ from pathlib import Path
 import pytest
 from sqlalchemy import delete, insert
 from tests.manual_clock import ManualClock
-from tests.output.report.stored_week import SITE, write_week
+from tests.store.named import ADA, NAMELESS, SITE, run_row, write_named
 
 from e3pose.store import schema
 from e3pose.store.database import database_url, writing_engine
 from e3pose.store.names import KEPT_S, StoredNames
 from e3pose.store.people import set_name
-
-ADA, NAMELESS = 10, 50
 
 
 @dataclass
@@ -29,7 +27,7 @@ class Clock:
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    return write_week(tmp_path / "poses.db")
+    return write_named(tmp_path / "poses.db")
 
 
 def test_a_rename_and_a_removal_are_known_at_once(place: Path) -> None:
@@ -46,11 +44,9 @@ def test_a_rename_and_a_removal_are_known_at_once(place: Path) -> None:
 
 
 def test_names_are_of_the_newest_run_of_the_site(place: Path) -> None:
-    row = {"run_id": 2, "site": SITE, "name": "", "started_ns": 1, "interval_ns": 1,
-           "skeleton": "coco17", "joints": "[]", "cameras": "[]", "software": ""}  # fmt: skip
     engine = writing_engine(database_url(place))
     with engine.begin() as connection:
-        connection.execute(insert(schema.runs), row)
+        connection.execute(insert(schema.runs), run_row(2))
     engine.dispose()
     assert StoredNames(place, SITE)(ADA) == "", "track 10 is somebody else now"
     assert StoredNames(place, "elsewhere")(ADA) == ""
@@ -60,7 +56,7 @@ def test_a_store_that_is_not_there_names_nobody(tmp_path: Path) -> None:
     assert not StoredNames().look(None) and StoredNames()(ADA) == ""
     names = StoredNames(tmp_path / "none.db", SITE, Clock())
     assert names(ADA) == ""
-    write_week(tmp_path / "none.db")
+    write_named(tmp_path / "none.db")
     assert names(ADA) == "Ada", "once it is"
 
 

@@ -18,6 +18,8 @@ from pyarrow import parquet
 from tests.cli.commands import run as run_verb
 from tests.live.processes import as_root
 from tests.output.archive.days import BEGIN, DAY, FIRST_DAY, HOUR, PEOPLE, SECOND_DAY, fill
+from tests.store.conftest import record as make_record
+from tests.store.conftest import run as make_run
 from tests.waiting import eventually
 
 from e3pose.base.errors import Exit, InputError
@@ -26,7 +28,7 @@ from e3pose.output.archive.manifest import Checked, Manifest, check_archive, day
 from e3pose.output.archive.places import Bucket, Folder, Place, place_of
 from e3pose.output.archive.writing import CLOSED_NS, Written, archive_store
 from e3pose.output.exports.wide import read_wide
-from e3pose.store import Store
+from e3pose.store import Store, StoreWriter
 from e3pose.store.forgetting import of_day
 
 pytestmark = pytest.mark.slow
@@ -66,9 +68,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Place:
     return Bucket(f"memory://{tmp_path.name}/poses")
 
 
-def test_closed_hours_are_archived_once_and_say_what_the_store_says(
-    store: Path, place: Place
-) -> None:
+def test_closed_hours_are_archived_once_as_the_store_has_them(store: Path, place: Place) -> None:
     done = archived(store, place)
     assert (done.hours, done.rows) == (7, 7 * 60 * 2)
     assert archived(store, place) == Written()
@@ -86,9 +86,7 @@ def test_closed_hours_are_archived_once_and_say_what_the_store_says(
     assert check_archive(place).rows == done.rows
 
 
-def test_hour_that_is_not_over_waits_and_late_rows_are_archived_again(
-    store: Path, tmp_path: Path
-) -> None:
+def test_open_hour_waits_and_late_rows_are_archived_again(store: Path, tmp_path: Path) -> None:
     over = BEGIN + 25 * HOUR
     assert archived(store, tmp_path / "a", over + CLOSED_NS - 1).hours == 3
     assert archived(store, tmp_path / "a", over + CLOSED_NS).hours == 1
@@ -100,11 +98,6 @@ def test_hour_that_is_not_over_waits_and_late_rows_are_archived_again(
 
 
 def test_hour_of_which_a_part_came_late_is_archived_again(tmp_path: Path) -> None:
-    from tests.store.conftest import record as make_record
-    from tests.store.conftest import run as make_run
-
-    from e3pose.store import StoreWriter
-
     path = tmp_path / "hall.db"
     fill(path, range(1))
     assert archived(path, tmp_path / "a", BEGIN + 2 * HOUR).rows == 120
@@ -115,16 +108,10 @@ def test_hour_of_which_a_part_came_late_is_archived_again(tmp_path: Path) -> Non
 
 
 def test_hour_without_anybody_has_no_file(tmp_path: Path) -> None:
-    from tests.store.conftest import record as make_record
-    from tests.store.conftest import run as make_run
-
-    from e3pose.store import StoreWriter
-
     path = tmp_path / "hall.db"
     with StoreWriter(path, make_run("hall", BEGIN)) as writer:
         writer.append(make_record(0, 0), time_ns=BEGIN, wait=True)
-    assert archived(path, tmp_path / "a").hours == 1
-    assert archived(path, tmp_path / "a").hours == 0
+    assert [archived(path, tmp_path / "a").hours for _ in range(2)] == [1, 0]
     assert checked(tmp_path / "a").files == 0
 
 
@@ -135,9 +122,7 @@ def test_old_days_are_removed_and_not_archived_again(store: Path, place: Place) 
     assert archived(store, place, LATER, keep_s=9 * 86400) == Written()
 
 
-def test_killed_in_the_middle_it_goes_on_and_is_what_it_would_have_been(
-    store: Path, tmp_path: Path
-) -> None:
+def test_killed_in_the_middle_it_goes_on_as_if_it_never_was(store: Path, tmp_path: Path) -> None:
     code = "from e3pose.cli import main; main()"
     command = [sys.executable, "-c", code, "archive", str(store), str(tmp_path / "killed")]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as program:
@@ -175,6 +160,7 @@ def test_verify_names_what_is_changed_missing_or_of_nobody(
     archived(store, folder)
     assert run_verb("archive", "verify", folder) == 0
     assert "2 days: 7 good files, 840 rows" in capsys.readouterr().out
+    assert not any(path.stat().st_mode & 0o077 for path in folder.rglob("*")), "its owner's alone"
     first, second, *_ = sorted(folder.rglob("*.parquet"))
     first.write_bytes(first.read_bytes()[:-1] + b"?")
     second.unlink()
@@ -259,9 +245,3 @@ def test_places_that_cannot_be_used_are_told(store: Path, tmp_path: Path) -> Non
         check_archive(Folder(tmp_path / "nothing"))
     with pytest.raises(InputError, match="site"):
         archive_store(store, "yard", Folder(tmp_path / "a"), LATER)
-
-
-def test_archive_is_for_its_owner_alone(store: Path, tmp_path: Path) -> None:
-    archived(store, tmp_path / "a")
-    for path in (tmp_path / "a").rglob("*"):
-        assert path.stat().st_mode & 0o077 == 0, path

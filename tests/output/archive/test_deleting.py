@@ -123,7 +123,7 @@ def test_pass_that_read_a_person_before_the_deletion_leaves_nothing(
     assert check_archive(Folder(tmp_path / "a")).problems == ()
 
 
-def test_deletion_that_was_killed_goes_on(
+def test_killed_deletion_goes_on(
     store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Killed(BaseException):
@@ -156,14 +156,11 @@ def test_what_cannot_be_deleted_is_refused(store: Path, capsys: pytest.CaptureFi
     ):
         assert run_verb("archive", "delete", store, *words) == 2
         assert message in capsys.readouterr().err
+    with pytest.raises(InputError, match="no such file"):
+        delete_everywhere(store.with_name("none.db"), PERSON)
     fill(store, range(1), site="yard")
     assert run_verb("archive", "delete", store, "--day", FIRST_DAY) == 2
     assert "--site: not found, expected one of hall, yard" in capsys.readouterr().err
-
-
-def test_store_that_is_gone_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        delete_everywhere(tmp_path / "none.db", PERSON)
 
 
 def test_other_sites_of_a_store_stay(store: Path) -> None:

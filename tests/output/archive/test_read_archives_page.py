@@ -56,13 +56,11 @@ def test_duckdb_counts_people_and_knows_when_they_were_there(archive: Path) -> N
     scope["duckdb"].sql("DROP VIEW poses")
 
 
-def test_polars_counts_the_same(archive: Path) -> None:
+def test_polars_and_pandas_count_the_same(archive: Path) -> None:
     scope, _ = run_examples(archive, "Polars")
     found = scope["poses"].group_by("site", "day").agg(scope["people"]).sort("site", "day")
     assert [(site, str(day), count) for site, day, count in found.collect().rows()] == EXPECTED
 
-
-def test_pandas_counts_the_same(archive: Path) -> None:
     scope, _ = run_examples(archive, "pandas")
-    found = scope["people"].groupby(["site", "day"]).size()
-    assert [(*names, count) for names, count in found.items()] == EXPECTED
+    counts = scope["people"].groupby(["site", "day"]).size()
+    assert [(*names, count) for names, count in counts.items()] == EXPECTED

@@ -56,11 +56,7 @@ def test_a_slot_more_takes_few_times_its_poses(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for module, name, size in (
-        (table, "CHUNK", 50),
-        (bones, "STRETCH", 50),
-        (source, "BATCH", 999),
-    ):
+    for module, name, size in SIZES:
         monkeypatch.setattr(module, name, size)
     peaks = []
     for repeats in (5, 5, 25):  # the first time modules are imported
@@ -97,7 +93,7 @@ def test_bones_of_stretches_are_those_of_the_whole(monkeypatch: pytest.MonkeyPat
             np.testing.assert_allclose(places_m[there], whole.moved_m[node][rows][there])
 
 
-def test_hips_that_are_seldom_seen_together_are_in_the_sample(
+def test_hips_that_are_seldom_together_are_in_the_sample(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     walk = long(50)

@@ -61,25 +61,21 @@ def read_bvh(path: Path) -> tuple[list[str], list[int], Floats, float, Floats]:
     seconds = float(lines[start + 2].removeprefix("Frame Time: "))
     values = np.array([[float(w) for w in line.split()] for line in lines[start + 3 :]])
     assert values.shape == (count, len(channels))
+    turns = [np.tile(np.eye(3), (count, 1, 1)) for _ in names]
+    moves = np.tile(np.array(offsets), (count, 1, 1))
+    for (node, channel), value in zip(channels, values.T, strict=True):
+        if channel.endswith("position"):
+            moves[:, node, "XYZ".index(channel[0])] = value
+        else:
+            turn = Rotation.from_euler(channel[0], value[:, None], degrees=True)
+            turns[node] = turns[node] @ turn.as_matrix()
     world = np.zeros((count, len(names), 3))
-    for frame in range(count):
-        turns, moves = [np.eye(3) for _ in names], np.array(offsets)
-        for (node, channel), value in zip(channels, values[frame], strict=True):
-            axis = "XYZ".index(channel[0])
-            if channel.endswith("position"):
-                moves[node, axis] = value
-            else:
-                a, b, angle = (axis + 1) % 3, (axis + 2) % 3, np.radians(value)
-                turn = np.eye(3)
-                turn[[a, b], [a, b]], turn[a, b] = np.cos(angle), -np.sin(angle)
-                turn[b, a] = np.sin(angle)
-                turns[node] = turns[node] @ turn
-        facing = [np.eye(3) for _ in names]
-        for node, parent in enumerate(parents):
-            above = np.eye(3) if parent < 0 else facing[parent]
-            place = np.zeros(3) if parent < 0 else world[frame, parent]
-            world[frame, node] = place + above @ moves[node]
-            facing[node] = above @ turns[node]
+    for node, parent in enumerate(parents):
+        if parent < 0:
+            world[:, node] = moves[:, node]
+            continue
+        world[:, node] = world[:, parent] + np.einsum("nab,nb->na", turns[parent], moves[:, node])
+        turns[node] = turns[parent] @ turns[node]
     return names, parents, np.array(offsets), seconds, world
 
 
@@ -182,13 +178,7 @@ class Gltf:
         rest = self.file.nodes[node].translation or [0.0, 0.0, 0.0]
         move = self.value(node, "translation", time_s, rest)
         x, y, z, w = self.value(node, "rotation", time_s, [0.0, 0.0, 0.0, 1.0])
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        turn = Rotation.from_quat([x, y, z, w]).as_matrix()
         size = self.value(node, "scale", time_s, [1.0, 1.0, 1.0])
         return above @ turn @ np.diag(size), start + above @ move
 
@@ -327,7 +317,7 @@ def test_hips_and_shoulders_hang_where_they_are(tmp_path: Path) -> None:
         ("unreal", "upperarm_l", "pelvis", "pinky_02_l"),
     ],
 )
-def test_bones_have_the_names_of_a_rig(
+def test_bones_have_a_rig_s_names(
     tmp_path: Path, rig: str, arm: str, hips: str, finger: str
 ) -> None:
     list(export(gripping(), tmp_path / "hand.bvh", "bvh", ExportSettings(names=rig)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,13 +53,8 @@ def test_openpose_of_cameras_can_be_imported(tmp_path: Path) -> None:
         wanted = RIG.cameras[camera].project(FIRST.joints_m[12, COCO17.index("right_knee")])
         found = view.keypoints_px[:, BODY25.index("right_knee")]
         assert np.linalg.norm(found - wanted, axis=1).min() < 0.001
-
-
-def test_openpose_replaces_no_folder(tmp_path: Path) -> None:
-    (tmp_path / "op").mkdir()
-    (tmp_path / "op/mine.txt").write_text("mine")
     with pytest.raises(InputError, match="not empty"):
-        list(export(TAKE, tmp_path / "op", "openpose"))
+        list(export(TAKE, path, "openpose"))
 
 
 def test_coco_needs_cameras_and_can_be_imported(tmp_path: Path) -> None:
@@ -114,10 +108,3 @@ def test_rerun_reads_what_was_written(tmp_path: Path) -> None:
             found |= dict(zip(rows["slot"], rows["Points3D:positions"], strict=True))
     assert sorted(found) == [*range(6, 40)]
     assert 1000 * np.abs(np.array(found[11]) - SECOND.joints_m[5]).max() < 0.01
-
-
-def test_names_of_tracks_are_the_takes(tmp_path: Path) -> None:
-    one = replace(TAKE, motions=(replace(SECOND, track_id=11),))
-    ((path, _),) = export(one, tmp_path / "op", "openpose")
-    people = json.loads((path / "000000000020_keypoints.json").read_text())["people"]
-    assert [person["person_id"] for person in people] == [[11]]

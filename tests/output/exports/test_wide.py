@@ -61,6 +61,9 @@ def test_an_archive_is_asked_as_a_table_is(tmp_path: Path) -> None:
     assert motion.track_id == 3 and len(motion) < 40
     with pytest.raises(InputError, match="found no poses that fit"):
         take_from_table(path, Asked(tracks=(99,)))
+    with pytest.raises(InputError, match="--angles: found with --layout archive"):
+        list(export(TAKE, tmp_path / "a.parquet", "parquet", replace(WIDE, angles=True)))
+    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_columns_are_integers_stored_as_differences(tmp_path: Path) -> None:
@@ -109,9 +112,3 @@ def test_what_no_export_writes_is_refused(
     path = changed(archive(tmp_path), **values)
     with pytest.raises(InputError, match=message):
         take_from_table(path, Asked())
-
-
-def test_an_archive_has_no_angles(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--angles: found with --layout archive"):
-        list(export(TAKE, tmp_path / "a.parquet", "parquet", replace(WIDE, angles=True)))
-    assert list(tmp_path.iterdir()) == []

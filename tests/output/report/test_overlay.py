@@ -91,16 +91,13 @@ def test_missing_joint_is_not_drawn_nor_its_limb() -> None:
     poses = Poses2D(np.array([[[48.0, 20.0], [48.0, 100.0]]]), np.array([[1.0, 0.0]]))
     drawn = draw_poses(blank(), poses, STICK, [RED], thickness_px=3)
     assert tuple(drawn[20, 48]) == RED and (drawn[30:] == 200).all()
+    assert (draw_poses(blank(), Poses2D.empty(2), STICK, []) == blank()).all(), "nobody"
 
 
 @each_case("far", [(1e6, 50.0), (-1e12, -1e12), (48.0, 300.0)])
 def test_joint_far_outside_does_no_harm(far: tuple[float, float]) -> None:
     drawn = draw_poses(blank(), stick((48, 20), far), STICK, [RED], thickness_px=3)
     assert drawn.shape == blank().shape and tuple(drawn[20, 48]) == RED
-
-
-def test_nobody_leaves_the_image_as_it_was() -> None:
-    assert (draw_poses(blank(), Poses2D.empty(2), STICK, []) == blank()).all()
 
 
 def test_reprojection_lands_on_the_pixels_of_the_pinhole() -> None:
@@ -155,39 +152,23 @@ def test_blind_slot_is_drawn_in_a_colour_of_its_own(tmp_path: Path) -> None:
 
 def test_video_start_moves_the_frames(tmp_path: Path) -> None:
     files = {"a": video(tmp_path / "a.mp4", [60, 100, 140, 180])}
-    record = recording(tmp_path, **files)
-    drawn = overlay_images(
-        record,
-        [standing(0, [True, True])],
-        height_px=SIZE[1],
-        provenance=Provenance({}, {"a": 0.2}),
-    )
-    assert abs(int(next(drawn)[110, 20, 0]) - 140) < 4
 
+    def levels(start_s: float, *slots: int) -> list[int]:
+        source, begun = recording(tmp_path, **files), Provenance({}, {"a": start_s})
+        records = [standing(slot, [True, True]) for slot in slots]
+        images = overlay_images(source, records, height_px=SIZE[1], provenance=begun)
+        return [int(image[110, 20, 0]) for image in images]
 
-def test_slot_before_the_first_frame_is_black_and_after_the_last_stays(tmp_path: Path) -> None:
-    files = {"a": video(tmp_path / "a.mp4", [100, 180])}
-    records = [standing(slot, [True, True]) for slot in (0, 2, 7)]
-    starts = {"a": -0.2}
-    images = list(
-        overlay_images(
-            recording(tmp_path, **files),
-            records,
-            height_px=SIZE[1],
-            provenance=Provenance({}, starts),
-        )
-    )
-    levels = [int(image[110, 20, 0]) for image in images]
-    assert levels[0] == 0 and abs(levels[1] - 100) < 4 and abs(levels[2] - 180) < 4
+    assert levels(0.2, 0) == pytest.approx([140], abs=4)
+    # Before its first frame it is black, and its last stays.
+    black, *others = levels(-0.2, 0, 2, 7)
+    assert black == 0 and others == pytest.approx([60, 180], abs=4)
 
 
 @each_case("name", ["../../etc/passwd", "sub/a.mp4", "..", "gone.mp4"])
 def test_video_name_stays_inside_the_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError):
         next(overlay_images(recording(tmp_path, a=name), [standing(0, [True, True])], tmp_path))
-
-
-def test_recording_without_videos_is_named() -> None:
     with pytest.raises(InputError, match="no videos"):
         next(overlay_images(recording(Path()), [standing(0, [True, True])]))
 

@@ -108,7 +108,7 @@ def page(source: Recording, records: Sequence[SlotRecord], figures: Summary) -> 
     return Page(render(source, records, figures))
 
 
-def test_page_asks_the_network_for_nothing() -> None:
+def test_page_and_its_scripts_ask_the_network_for_nothing() -> None:
     shown = page(recording(3), [record(i, [4]) for i in range(3)], summary())
     for tag, attributes in shown.tags:
         assert tag not in ("link", "iframe", "object", "embed", "img", "base", "a")
@@ -117,9 +117,7 @@ def test_page_asks_the_network_for_nothing() -> None:
     (policy,) = policies
     assert policy.startswith("default-src 'none'")
     assert not re.search(r"https?:|\*|connect-src", policy)
-
-
-def test_own_scripts_and_markup_name_no_address() -> None:
+    # Own scripts and markup name no address.
     folder = Path(scenes.__file__).parent
     for name in ("page.html", "scene.js", "player.js", "charts.js"):
         text = (folder / name).read_text()
@@ -173,16 +171,14 @@ def test_missing_and_absurd_joints_are_not_drawn() -> None:
     json.dumps(drawn, allow_nan=False)
 
 
-def test_long_runs_are_thinned_and_say_so() -> None:
+def test_long_runs_and_crowds_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 4 * MAX_SLOTS - 1
     records = [record(i) for i in range(count)]
     drawn = scene(recording(count), records)
     assert len(drawn["slots"]) <= MAX_SLOTS and drawn["stride"] == 4
     assert drawn["slots"][:3] == [0, 4, 8]
     assert f"one in 4 of {count} slots" in render(recording(count), records, bare())
-
-
-def test_crowds_are_thinned_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Crowds are thinned too.
     monkeypatch.setattr(scenes, "MAX_COORDINATES", 3 * len(COCO17) * 10)
     records = [record(i, [0, 1]) for i in range(10)]
     assert scene(recording(10), records)["stride"] == 2
@@ -198,7 +194,7 @@ def test_nobody_seen_still_gives_a_page(slots: int, tmp_path: Path) -> None:
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
 
 
-def test_figures_that_cannot_be_had_are_left_out() -> None:
+def test_sentences_and_cards_say_what_is_known_once() -> None:
     records = [record(0, [0])]
     few = cards(recording(1), records, bare())
     assert few == [("1.0 of 2", "active cameras per slot, mean")]
@@ -206,9 +202,7 @@ def test_figures_that_cannot_be_had_are_left_out() -> None:
     assert full["32 mm"].startswith("mean joint error")
     assert full["31 %"] == "whole camera saved (modelled)"
     assert full["25 %"] == "processor time saved (measured)"
-
-
-def test_sentences_say_what_the_headline_does_not() -> None:
+    # Sentences say what the headline does not.
     text = " ".join(sentences(recording(2), [record(0, [1, 2]), record(1)], summary()))
     assert "2 slots of 40 ms, policy" in text and "People present in 50 % of the slots" in text
     assert "active" not in text and "sav" not in text  # the headline says it once
@@ -276,16 +270,14 @@ def test_batteries_that_last_equally_long_have_one_time() -> None:
     assert "battery lasts 5.0 to 7.2 h" in render(recording(3), [record(0)], unequal)
 
 
-def test_people_present_together_differ_in_colour_and_keep_it() -> None:
+def test_people_present_together_differ_in_colours_that_the_player_has() -> None:
     together = [record(0, [0, 8, 16]), record(1, [0, 16]), record(2, [16, 24])]
     chosen = colours(together)
     assert chosen[0] == 0 and len({chosen[0], chosen[8], chosen[16]}) == 3
     assert chosen[24] == 0  # whoever had it is gone
     crowd = colours([record(0, range(20))])
     assert set(crowd.values()) == set(range(NUM_COLOURS))
-
-
-def test_player_has_the_colours_that_are_counted_on() -> None:
+    # Player has the colours that are counted on.
     text = (Path(scenes.__file__).parent / "scene.js").read_text()
     (listed,) = re.findall(r"const COLOURS = \[(.*?)\]", text)
     assert len(set(re.findall(r"#[0-9a-f]{6}", listed))) == NUM_COLOURS

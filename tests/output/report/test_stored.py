@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.cli.commands import run
-from tests.cli.commands import run as verb
 from tests.output.report.test_report import bare, record, recording
 
 from e3pose.camera.provenance import save_provenance
@@ -162,7 +161,7 @@ def test_what_cannot_be_shown_is_one_line(
     assert not (site / "p.html").exists()
 
 
-def test_page_of_what_has_no_cameras_says_what_does(
+def test_page_needs_cameras_and_those_of_the_store(
     site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = simulate(SceneSettings(people=1, seconds=0.2, fps=FPS, cameras=3), seed=702)
@@ -170,12 +169,7 @@ def test_page_of_what_has_no_cameras_says_what_does(
     for source, helps in ((site / "live.db", "its site"), (tmp_path / "walk", "e3pose replay")):
         assert run("export", source, tmp_path / "p.html") == 2
         assert helps in capsys.readouterr().err
-
-
-def test_store_of_other_cameras_is_refused(
-    site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recording = simulate(SceneSettings(people=1, seconds=0.2, fps=FPS, cameras=3), seed=702)
+    # Store of other cameras is refused.
     cameras = tuple(replace(c, camera_id=f"x{i}") for i, c in enumerate(recording.rig.cameras))
     save_rig(Rig(cameras), tmp_path / "rig.toml")
     text = SITE.replace('"live.db"', f'"{site / "live.db"}"')
@@ -233,13 +227,11 @@ def shade(coded: str) -> float:
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("filmed") / "walk"
     asks = ("--people", 1, "--cameras", 2, "--seconds", 2, "--resolution", "640x480", "--videos")
-    assert verb("simulate", folder, *asks) == 0
+    assert run("simulate", folder, *asks) == 0
     return folder
 
 
-def test_pictures_are_of_the_cameras_that_looked_most(
-    filmed: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_are_of_the_busiest_cameras(filmed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(films, "MOST_IMAGES", 20)
     source = load_recording(filmed)
     shown = [record(slot, selected=np.array([slot % 2 == 0, True])) for slot in range(40)]
@@ -254,7 +246,7 @@ def test_pictures_are_of_the_cameras_that_looked_most(
         assert image is not None and max(image.shape) == films.LONG_SIDE_PX
 
 
-def test_page_shows_pictures_where_there_are_some(filmed: Path) -> None:
+def test_page_shows_pictures_where_there_are_some_or_why_not(filmed: Path) -> None:
     source = load_recording(filmed)
     shown = [record(slot, selected=np.ones(2, dtype=bool)) for slot in range(10)]
     page = render(source, shown, bare(), folder=filmed)
@@ -262,10 +254,7 @@ def test_page_shows_pictures_where_there_are_some(filmed: Path) -> None:
     nothing = render(recording(2), [record(0), record(1)], bare())
     assert "<img id='film'" not in nothing
     assert '<script type="application/json" id="film-data">null</script>' in nothing
-
-
-def test_videos_that_are_gone_are_named_without_their_folder(filmed: Path) -> None:
-    source = load_recording(filmed)
+    # Videos that are gone are named without their folder.
     name = source.rig.camera_ids[0]
     moved = replace(source, videos={name: "/srv/films/secret-place/gone.mp4"})
     shown = [record(slot, selected=np.ones(2, dtype=bool)) for slot in range(3)]
