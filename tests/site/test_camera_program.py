@@ -49,7 +49,7 @@ def test_camera_on_its_side_detects_in_turned_images(tmp_path: Path) -> None:
     assert isinstance(named.detector, Turned)
 
 
-def test_edge_that_does_not_come_is_reported_once() -> None:
+def test_camera_says_once_that_it_waits_and_when_its_edge_comes_and_goes() -> None:
     messages: list[str] = []
     watch = EdgeWatch(messages.append, read_endpoint("tcp/127.0.0.1:7447"), "cam1", alone_s=5.0)
     for now_s in (100.0, 102.0, 104.9):
@@ -62,6 +62,12 @@ def test_edge_that_does_not_come_is_reported_once() -> None:
     watch.update(True, True, 302.0)
     watch.update(False, False, 303.0)
     assert messages[1:] == ["edge connected", "edge disconnected, reconnecting"]
+    # Edge that is there at once is reported.
+    messages = []
+    watch = EdgeWatch(messages.append, read_endpoint("tcp/127.0.0.1:7447"), "cam1")
+    watch.update(True, True, 0.0)
+    watch.update(True, True, 100.0)
+    assert messages == ["edge connected"]
 
 
 def test_camera_that_the_edge_does_not_admit_says_what_to_do() -> None:
@@ -91,11 +97,3 @@ def test_camera_whose_way_has_an_expired_certificate_says_so_and_looks_now_and_t
         "camera.pem: certific",
     ]
     assert len(looks) == 2
-
-
-def test_edge_that_is_there_at_once_is_reported() -> None:
-    messages: list[str] = []
-    watch = EdgeWatch(messages.append, read_endpoint("tcp/127.0.0.1:7447"), "cam1")
-    watch.update(True, True, 0.0)
-    watch.update(True, True, 100.0)
-    assert messages == ["edge connected"]

@@ -44,7 +44,7 @@ SHOWN = {
         "site/test_up::test_program_whose_log_cannot_be_opened_runs_without_one",
     ),
     "state (`state.npz`)": (
-        HERE, f"{FULL}full_disk_is_reported_and_stops_nobody",
+        HERE,
         f"{CODES}disk_that_is_full_from_the_start_is_no_refused_input",
     ),
     "store, SQLite": (

@@ -11,7 +11,8 @@ import pytest
 from msgspec.structs import replace
 from tests.events.bodies import doing, seen
 from tests.memory_transport import Hub, MemoryTransport
-from tests.output.report.stored_week import site_file, write_week
+from tests.site.tables import write_site
+from tests.store.named import write_named
 
 from e3pose import connect, plot, to_frame
 from e3pose.base.errors import InputError
@@ -75,6 +76,17 @@ def test_slots_come_in_order_as_arrays() -> None:
     assert second.selected == ("cam1", "cam2") and second.arrived == ("cam2",)
     assert (second.stored_from, second.stored_to, second.store_shed) == (1, 3, 5)
     assert second.time_ns == 10**18 + 4 * INTERVAL_NS and second.people.measured.all()
+    assert second.delay_ms == 0.0
+
+
+def test_smoothed_slots_are_followed_in_place_of_those_at_once() -> None:
+    hub = Hub()
+    with Connection("lab", hub.join(), delayed=True) as site:
+        edge = hub.join()
+        publish(edge, poses(4, 7))
+        edge.publish("e3pose/lab/poses-delayed", encode(replace(poses(3, 7), delay_ms=100.0)))
+        slot = site.next()
+    assert slot is not None and (slot.slot, slot.delay_ms) == (3, 100.0)
 
 
 def test_iteration_ends_with_the_connection() -> None:
@@ -104,16 +116,12 @@ def test_who_is_slow_loses_the_oldest_slots_and_may_skip_to_the_newest() -> None
 
 
 def test_site_that_is_silent_is_an_error_that_says_what_to_check() -> None:
-    with Connection("lab", Hub().join(), wait_s=0.01) as site:
+    hub = Hub()
+    with Connection("lab", hub.join(), wait_s=0.01) as site:
         with pytest.raises(InputError, match=r"site lab: no slot for 0\.01 s: check"):
             next(iter(site))
         with pytest.raises(InputError, match="no status"):
             site.status()
-
-
-def test_status_is_that_of_the_edge() -> None:
-    hub = Hub()
-    with Connection("lab", hub.join()) as site:
         hub.join().publish("e3pose/lab/status", encode(Status("lab", 3, 25.0, 2, 1, ())))
         assert site.status().slot == 3
 
@@ -146,6 +154,8 @@ def test_picture_shows_the_people_of_a_slot() -> None:
     assert [text.get_text() for text in drawn.get_legend().get_texts()] == ["person 7", "person 9"]
     with pytest.raises(InputError, match="slot: found 5, expected 3 to 4"):
         plot(take, 5)
+    with pytest.raises(InputError, match="slots: found none"):
+        take_of_slots([], 0.04)
 
 
 def _slot(slot: int, *track_ids: int) -> LiveSlot:
@@ -153,11 +163,6 @@ def _slot(slot: int, *track_ids: int) -> LiveSlot:
     with Connection("lab", hub.join()) as site:
         publish(hub.join(), poses(slot, *track_ids))
         return site.newest()
-
-
-def test_without_slots_there_is_no_take() -> None:
-    with pytest.raises(InputError, match="slots: found none"):
-        take_of_slots([], 0.04)
 
 
 def test_endpoint_needs_the_keys_and_the_name_of_the_site(tmp_path: Path) -> None:
@@ -178,17 +183,8 @@ def test_events_of_people_are_told_as_they_happen() -> None:
     with Connection("lab", hub.join(), wait_s=0.2, names=lambda track: names(track, "")) as site:
         edge = hub.join()
         for one in seen(doing("fall-forward", 0)):
-            words = poses(one.slot, 7)
-            edge.publish(
-                "e3pose/lab/poses",
-                encode(
-                    replace(
-                        words,
-                        time_edge_ns=one.time_ns,
-                        joints_m=pack(one.people.joints_m.astype(np.float32)),
-                    )
-                ),
-            )
+            joints_m = pack(one.people.joints_m.astype(np.float32))
+            publish(edge, replace(poses(one.slot, 7), time_edge_ns=one.time_ns, joints_m=joints_m))
         told = []
         with pytest.raises(InputError, match="no slot"):
             for event in site.events():
@@ -197,9 +193,10 @@ def test_events_of_people_are_told_as_they_happen() -> None:
 
 
 def test_names_go_only_where_the_site_file_lists_it(tmp_path: Path) -> None:
-    place = site_file(tmp_path)
-    write_week(tmp_path / "poses.db")
-    assert names_for(load_site(place), "mqtt") is no_name, "without [events]"
+    write_named(tmp_path / "poses.db")
+    site = write_site(tmp_path, '[store]\npath = "poses.db"\n')
+    assert names_for(site, "mqtt") is no_name, "without [events]"
+    place = site.path
     place.write_text(place.read_text() + '[events]\nnames = ["mqtt", "python"]\n')
     site = load_site(place)
     assert names_for(site, "mqtt")(10) == names_for(site, "python")(10) == "Ada"

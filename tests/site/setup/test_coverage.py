@@ -41,18 +41,13 @@ def test_people_are_counted_by_camera_by_pair_and_by_place() -> None:
     assert made.seconds == pytest.approx(0.5)
     assert dict(made.floor) == {(1, 0): 5}, "half a metre a cell"
     assert made.seen[0].sum() == 5 and made.share(0) == pytest.approx(1 / 8)
-
-
-def test_two_people_have_two_places() -> None:
+    # Two people have two places.
     made, people = covered(), (person(0.7, 0.2), person(-0.8, -0.9))
     made.add({0: seen(0, *people), 1: seen(1, *people)}, SIZES)
     assert set(made.floor) == {(1, 0), (-2, -2)}
-
-
-def test_poses_that_are_hardly_seen_do_not_count() -> None:
-    made, somebody = covered(), seen(0, person(0, 0))
-    scores = np.where(np.arange(17) < 5, 1.0, 0.1)[None]
-    made.add({0: Poses2D(somebody.keypoints_px, scores)}, SIZES)
+    # Poses that are hardly seen do not count.
+    made, scores = covered(), np.where(np.arange(17) < 5, 1.0, 0.1)[None]
+    made.add({0: Poses2D(seen(0, person(0, 0)).keypoints_px, scores)}, SIZES)
     assert made.people.tolist() == [0, 0, 0] and 0 in made.newest and made.newest[0] == []
 
 
@@ -63,9 +58,7 @@ def test_hints_name_what_is_missing_first() -> None:
     assert found[0] == "c2 has seen nobody yet: walk in front of it."
     assert any("c0 shares only 0 s with another camera (c1)" in hint for hint in found)
     assert found[-1] == "Go on for 30 s."
-
-
-def test_nothing_is_missing_after_a_walk_through_all_of_it() -> None:
+    # Nothing is missing after a walk through all of it.
     made = covered()
     made.slots = made.shared = 400
     made.people[:] = 400
@@ -74,9 +67,7 @@ def test_nothing_is_missing_after_a_walk_through_all_of_it() -> None:
     assert hints(made) == []
     made.seen[1, :, :5] = 0
     assert hints(made) == ["Walk further to the left of c1."]
-
-
-def test_cameras_in_two_groups_are_told_apart() -> None:
+    # Cameras in two groups are told apart.
     rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
     made = Coverage(rig, COCO17, FPS)
     made.shared = made.slots = 400

@@ -119,7 +119,7 @@ def test_the_file_of_before_comes_back_and_goes_again(setup: SetupSession) -> No
     assert setup.site_file.read_text() == changed
 
 
-def test_a_running_site_takes_at_once_what_it_can(
+def test_a_running_site_takes_what_it_can(
     setup: SetupSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     live, asked = LiveSite(state="running"), list[Control]()

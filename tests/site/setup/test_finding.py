@@ -113,13 +113,10 @@ def test_a_camera_that_answers_is_found_with_its_name() -> None:
 
     with responder(answers) as place:
         (camera,) = look_around(0.5, place)
-    assert camera.host == "127.0.0.1" and camera.name == "Front door IPC-1"
-    assert camera.service == "http://127.0.0.1/onvif/device_service"
-
-
-def test_nobody_answers() -> None:
     with responder(lambda asked: []) as place:
         assert look_around(0.2, place) == []
+    assert camera.host == "127.0.0.1" and camera.name == "Front door IPC-1"
+    assert camera.service == "http://127.0.0.1/onvif/device_service"
 
 
 @each_case(
@@ -135,8 +132,3 @@ def test_nobody_answers() -> None:
 def test_answers_that_lie_are_left_out(answer: str) -> None:
     assert read_answer(answer.encode(), "ours", "10.0.0.7") is None
     assert read_answer(answer.encode("utf-16"), "ours", "10.0.0.7") is None
-
-
-def test_an_honest_answer_is_read() -> None:
-    answer = ANSWER.format(asked="ours", host="10.0.0.7").encode()
-    assert read_answer(answer, "ours", "10.0.0.7") is not None

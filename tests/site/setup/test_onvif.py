@@ -7,16 +7,18 @@ import hashlib
 import re
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.site.setup import onvif
-from e3pose.site.setup.onvif import Denied, Login, parse, streams_of
+from e3pose.site.setup.onvif import Denied, Login, streams_of
 
 LOGIN = Login("admin", "s3cret <&>")
 BEHIND = timedelta(hours=7)  # the camera's clock, which nobody set
@@ -112,11 +114,27 @@ class Camera:
         return f"<trt:MediaUri><tt:Uri>{uri}</tt:Uri></trt:MediaUri>"
 
 
+class Silent(BaseHTTPRequestHandler):
+    def log_message(self, *_: Any) -> None:
+        """Say nothing."""
+
+
+@contextmanager
+def serving(handler: type[Silent]) -> Iterator[int]:
+    """Serve at loopback; yield the port."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
+        try:
+            yield server.server_port
+        finally:
+            server.shutdown()
+
+
 @pytest.fixture
 def camera() -> Iterator[Camera]:
     made = Camera()
 
-    class Handler(BaseHTTPRequestHandler):
+    class Handler(Silent):
         def do_POST(self) -> None:
             body = self.rfile.read(int(self.headers["Content-Length"])).decode()
             status, answer = made.answer(body)
@@ -128,14 +146,8 @@ def camera() -> Iterator[Camera]:
             self.end_headers()
             self.wfile.write(answer)
 
-        def log_message(self, *_: Any) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        made.port = server.server_address[1]
-        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+    with serving(Handler) as made.port:
         yield made
-        server.shutdown()
 
 
 def test_a_camera_tells_its_streams_for_its_password(camera: Camera) -> None:
@@ -147,21 +159,18 @@ def test_a_camera_tells_its_streams_for_its_password(camera: Camera) -> None:
     assert "s3cret" not in str(camera.asked)
 
 
-def test_a_camera_without_a_password_is_asked_without_one(camera: Camera) -> None:
+def test_a_password_is_asked_for_where_a_camera_has_one(camera: Camera) -> None:
+    with pytest.raises(Denied, match="wants a user and password"):
+        streams_of(camera.service)
+    with pytest.raises(Denied, match="wants another user and password"):
+        streams_of(camera.service, Login("admin", "wrong"))
     camera.knows = lambda question: "Username" not in question  # type: ignore[method-assign]
     assert [stream.url for stream in streams_of(camera.service)] == [
         "rtsp://127.0.0.1:554/main_1", "rtsp://127.0.0.1:554/sub",
     ]  # fmt: skip
 
 
-def test_a_wrong_password_is_said(camera: Camera) -> None:
-    with pytest.raises(Denied, match="wants a user and password"):
-        streams_of(camera.service)
-    with pytest.raises(Denied, match="wants another user and password"):
-        streams_of(camera.service, Login("admin", "wrong"))
-
-
-@pytest.mark.parametrize(
+@each_case(
     ("question", "status", "answer", "said"),
     [
         ("GetProfiles", 200, b"no xml", "answers no ONVIF"),
@@ -177,15 +186,15 @@ def test_a_wrong_password_is_said(camera: Camera) -> None:
          "another user and password"),
     ],
 )  # fmt: skip
-def test_what_is_no_answer_is_refused(
+def test_no_answer_is_refused(
     camera: Camera, question: str, status: int, answer: bytes, said: str
 ) -> None:
-    camera.answers[question] = status, answer
+    camera.answers = {question: (status, answer)}
     with pytest.raises(InputError, match=said):
         streams_of(camera.service, LOGIN)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "stream", ["rtsp://10.0.0.9/{}", "file:///etc/passwd", "http://127.0.0.1/{}", "rtsp://[bad"]
 )
 def test_streams_of_others_are_refused(camera: Camera, stream: str) -> None:
@@ -208,32 +217,19 @@ def test_who_is_not_there_is_said() -> None:
             streams_of(service)
 
 
-def test_text_with_entities_is_not_parsed() -> None:
-    assert parse(b"<a/>") is not None
-    assert parse('<!DOCTYPE a SYSTEM "x"><a/>'.encode("utf-16")) is None
-
-
 def test_an_answer_by_drops_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each byte comes within the time for one: nothing but a limit for all of them ends it."""
     monkeypatch.setattr(onvif, "WHOLE_S", 0.5)
     stop = threading.Event()
 
-    class Drops(BaseHTTPRequestHandler):
+    class Drops(Silent):
         def do_POST(self) -> None:
             self.send_response(200)
             self.end_headers()
             while not stop.wait(0.05):
                 self.wfile.write(b" ")
 
-        def log_message(self, *_: Any) -> None:
-            """Say nothing."""
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Drops)
-    threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
-    try:
+    with serving(Drops) as port:
         with pytest.raises(InputError, match="no answer in time"):
-            streams_of(f"http://127.0.0.1:{server.server_port}/device")
-    finally:
+            streams_of(f"http://127.0.0.1:{port}/device")
         stop.set()
-        server.shutdown()
-        server.server_close()

@@ -25,15 +25,15 @@ from e3pose.wire.site_messages import Picture
 JPEG = bytes(cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes())
 
 
-def picture(name: str, slot: int) -> Picture:
-    return Picture(name, slot, (640, 480), JPEG, captured_edge_ns=1)
+def picture(name: str, slot: int) -> bytes:
+    return encode(Picture(name, slot, (640, 480), JPEG, captured_edge_ns=1))
 
 
 def test_pictures_of_a_walk_are_there_again_and_for_their_owner_alone(tmp_path: Path) -> None:
     taken = Snapshots()
     for slot in (30, 4):
-        taken._keep("hall-2", encoded(picture("hall-2", slot)))
-    taken._keep("door", encoded(picture("door", 7)))
+        taken._keep("hall-2", picture("hall-2", slot))
+    taken._keep("door", picture("door", 7))
     taken.save(tmp_path)
     for path in (tmp_path / PICTURES).iterdir():
         assert path.stat().st_mode & 0o077 == 0
@@ -51,29 +51,27 @@ def test_pictures_of_a_walk_are_there_again_and_for_their_owner_alone(tmp_path: 
     assert not (tmp_path / PICTURES).exists()
 
 
-def encoded(made: Picture) -> bytes:
-
-    return encode(made)
-
-
 def test_work_that_was_cut_off_is_said(tmp_path: Path) -> None:
     setup = SetupSession(tmp_path)
     setup.choose("room", new=True)
     setup.start(Task("solve", "Finding the cameras"), lambda task: None)
     setup.tasks.wait(10)
     assert setup.results()[AT_WORK] is None
-    setup.keep_result(AT_WORK, {"kind": "solve", "title": "Finding the cameras"})  # then killed
+    setup.keep_result(AT_WORK, {"kind": "walk", "title": "Recording"})  # then killed
+    begun = setup.folder / "walk.partial"
+    begun.mkdir()
     again = SetupSession(tmp_path)
     again.choose("room")
     task = again.tasks.newest
-    assert task is not None and (task.kind, task.state) == ("solve", "failed")
+    assert task is not None and (task.kind, task.state) == ("walk", "failed")
+    assert not begun.exists(), "the next walk needs its place"
     assert "interrupted" in task.problem and "start it again" in task.problem
     once_more = SetupSession(tmp_path)
     once_more.choose("room")
     assert once_more.tasks.newest is None
 
 
-def test_cameras_of_the_network_are_asked_for_their_streams(
+def test_network_cameras_are_asked_for_streams(
     asking: Asking, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def streams(service: str, login: Login) -> list[Stream]:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.cases import each_case
 from tests.output.exports.takes import FPS, NUM_FRAMES, walking
 from tests.site.streams.osc_reader import read_osc
@@ -56,17 +57,6 @@ def slot(frame: int, *tracks: int) -> LiveSlot:
     return LiveSlot(frame, time_ns, people, COCO17.joints, (), (), 0)
 
 
-def turn(x: float, y: float, z: float, w: float) -> Floats:
-    """Return the matrix of a quaternion."""
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def unity(place: Floats) -> Floats:
     """Return a place of the world, z up, right-handed, as x right, y up, z ahead, left-handed."""
     return np.array([-place[0], place[2], -place[1]])
@@ -88,13 +78,13 @@ def test_an_avatar_in_unity_stands_as_the_person_does() -> None:
             for bone, (parent, joint) in BONES.items():
                 px, py, pz, *quaternion = bones[bone]
                 places[bone] = places[parent] + facing[parent] @ [px, py, pz]
-                facing[bone] = facing[parent] @ turn(*quaternion)
+                facing[bone] = facing[parent] @ Rotation.from_quat(quaternion).as_matrix()
                 if joint is not None:
                     wanted = unity(slot(frame, 4).people.joints_m[0, COCO17.index(joint)])
                     assert np.linalg.norm(places[bone] - wanted) < 0.001, (frame, bone)
 
 
-def test_nobody_is_not_ok_and_a_zone_is_not_sent() -> None:
+def test_one_person_is_sent_until_gone_and_nobody_is_not_ok() -> None:
     with receiver("vmc") as (stream, listening):
         stream.slot(slot(0))
         stream.zone(ZoneEvent("enter", "door", 7, 2, 0.0, 3, STARTED_NS))
@@ -104,18 +94,8 @@ def test_nobody_is_not_ok_and_a_zone_is_not_sent() -> None:
         listening.settimeout(0.2)
         with pytest.raises(TimeoutError):
             listening.recv(65_536)
-
-
-def hips_of(packet: bytes) -> float | None:
-    """Return which person a packet shows: metres along the world's y."""
-    for address, values in read_osc(packet):
-        if address == "/VMC/Ext/Bone/Pos" and values[0] == "Hips":
-            return -float(values[3])
-    return None
-
-
-def test_one_person_is_sent_until_gone() -> None:
-    with receiver("vmc") as (stream, listening):
+        listening.settimeout(10)
+        # One person is sent until gone.
         found = []
         shown = [(2, 5)] * 3 + [(5,)] * 10 + [(2, 5)] + [(5, 9)] * 26
         for frame, tracks in enumerate(shown[:NUM_FRAMES]):
@@ -128,20 +108,20 @@ def test_one_person_is_sent_until_gone() -> None:
     assert found[14:38] == [None] * 24 and found[39] == 5
 
 
+def hips_of(packet: bytes) -> float | None:
+    """Return which person a packet shows: metres along the world's y."""
+    for address, values in read_osc(packet):
+        if address == "/VMC/Ext/Bone/Pos" and values[0] == "Hips":
+            return -float(values[3])
+    return None
+
+
 def test_a_named_track_is_sent() -> None:
     with receiver("vmc", "?track=5") as (stream, listening):
         for tracks, wanted in (((2,), None), ((2, 5), 5), ((5, 9), 5)):
             stream.slot(slot(3, *tracks))
             place = hips_of(listening.recv(65_536))
             assert (None if place is None else round(place)) == wanted
-
-
-def about(degrees: float, axis: int) -> Floats:
-    a, b, angle = (axis + 1) % 3, (axis + 2) % 3, np.radians(degrees)
-    matrix = np.eye(3)
-    matrix[[a, b], [a, b]] = np.cos(angle)
-    matrix[a, b], matrix[b, a] = -np.sin(angle), np.sin(angle)
-    return matrix
 
 
 def test_trackers_of_vrchat_are_at_the_joints_and_turn_with_them() -> None:
@@ -161,7 +141,7 @@ def test_trackers_of_vrchat_are_at_the_joints_and_turn_with_them() -> None:
             place = said["/tracking/trackers/1/position"]
             np.testing.assert_allclose(place, unity(hips.mean(axis=0)), atol=0.001)
             x, y, z = said["/tracking/trackers/1/rotation"]
-            facing = about(y, 1) @ about(x, 0) @ about(z, 2)  # z first, then x, then y
+            facing = Rotation.from_euler("YXZ", [y, x, z], degrees=True).as_matrix()  # z first
             across = unity(hips[1]) - unity(hips[0])  # from left to right: x of who faces z
             np.testing.assert_allclose(facing[:, 0], across / np.linalg.norm(across), atol=0.01)
 

@@ -169,9 +169,7 @@ def test_odd_request_is_answered_and_the_client_stays(said: str | bytes) -> None
         ("http://[", False),
     ],
 )
-def test_only_pages_of_this_machine_and_named_ones_connect(
-    origin: str | None, comes_in: bool
-) -> None:
+def test_only_own_pages_and_named_ones_connect(origin: str | None, comes_in: bool) -> None:
     said: list[str] = []
     source = Source(SOURCE.site, SOURCE.skeleton, SOURCE.fps, said.append)
     with served("?origin=https://app.foxglove.dev", source) as (_, url):
@@ -186,11 +184,6 @@ def test_only_pages_of_this_machine_and_named_ones_connect(
         assert len(said) == 1 and f"refused a page of {origin!r}" in said[0]
 
 
-def test_client_of_another_protocol_is_refused() -> None:
-    with served() as (_, url), pytest.raises(InvalidStatus, match="403"):
-        connect_socket(url)
-
-
 @each_case("query", ["?origin=evil", "?origins=https://a", "?origin=https://a/"])
 def test_origin_that_is_none_is_refused(query: str) -> None:
     with pytest.raises(InputError, match="origin=https://HOST"), served(query):
@@ -199,6 +192,8 @@ def test_origin_that_is_none_is_refused(query: str) -> None:
 
 def test_address_has_its_number_of_clients_and_no_more() -> None:
     with served() as (_, url), ExitStack() as stack:
+        with pytest.raises(InvalidStatus, match="403"):
+            connect_socket(url)  # of another protocol
         for _ in range(CLIENTS_OF_ADDRESS):
             assert len(_channels(stack.enter_context(joined(url)))) == len(CHANNELS)
         with pytest.raises((OSError, WebSocketException)):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import queue
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 from unittest.mock import MagicMock
@@ -10,15 +12,22 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 from tests.events.bodies import doing, seen
-from tests.site.streams.test_streams import EVENT, FELL, TIME_NS, slot
+from tests.site.streams.broker import broker, listening
+from tests.site.streams.test_streams import EVENT, FELL, TIME_NS, WATCH, slot
 
 from e3pose.events.rules import RULES
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.skeleton import COCO17
 from e3pose.settings.events_table import EventsTable
-from e3pose.site.streams import Source
+from e3pose.site.streams import Source, open_stream
 from e3pose.site.streams.base import TellsCameras, TellsPeople
-from e3pose.site.streams.homeassistant import HURRY_S, HomeAssistantStream, discovery, identifiers
+from e3pose.site.streams.homeassistant import (
+    BIRTH,
+    HURRY_S,
+    HomeAssistantStream,
+    discovery,
+    identifiers,
+)
 from e3pose.wire.site_messages import CameraStatus, Status
 
 SOURCE = Source("lab", COCO17, 12.5, cameras=("c0", "hall 2"), zones=("door",), kinds=tuple(RULES))
@@ -145,6 +154,8 @@ def test_a_name_is_told_as_it_is_now_and_no_broker_keeps_it(client: MagicMock) -
     watch = replace(begin_watch(EventsTable(), COCO17.joints), time_ns=TIME_NS)
     stream.people(watch, [FELL])
     assert json.loads(retained(client)[topic])["sentence"].startswith("Ada fell")
+    named = [call for call in client.publish.call_args_list if "Ada" in str(call)]
+    assert len(named) == 2 and not any(call.kwargs.get("retain") for call in named)
     for name, said in (("Ada L.", "Ada L. fell"), ("", "Person 7 fell")):
         known[7] = name
         watch = replace(watch, time_ns=watch.time_ns + 2 * 10**9)
@@ -156,8 +167,31 @@ def test_a_name_is_told_as_it_is_now_and_no_broker_keeps_it(client: MagicMock) -
     assert not any("Ada" in str(call) for call in client.publish.call_args_list)
 
 
-def test_no_named_message_is_retained(client: MagicMock) -> None:
-    stream = HomeAssistantStream(client, replace(SOURCE, names=lambda track: "Ada"))
-    stream.people(begin_watch(EventsTable(), COCO17.joints), [FELL])
-    named = [call for call in client.publish.call_args_list if "Ada" in str(call)]
-    assert len(named) == 2 and not any(call.kwargs.get("retain") for call in named)
+def until(heard: queue.Queue[tuple[str, str]], topic: str) -> list[tuple[str, str]]:
+    """Return what is heard up to a message of a topic."""
+    found = list[tuple[str, str]]()
+    while not found or found[-1][0] != topic:
+        found.append(heard.get(timeout=20))
+    return found
+
+
+def test_a_client_of_the_broker_changes_nothing_and_cannot_hurry_it() -> None:
+    with broker() as port, listening(port) as (client, heard):
+        stream = open_stream(
+            f"homeassistant://127.0.0.1:{port}", replace(SOURCE, cameras=("cam0",))
+        )
+        assert isinstance(stream, TellsPeople)
+        stream.people(WATCH, [FELL])
+        first = until(heard, "e3pose/lab/home/alarm")
+        for said in (b"online", b"\xff\x00" * 1000, b"offline", b"online"):
+            for _ in range(50):
+                client.publish(BIRTH, said, qos=1)
+        for topic, _ in first:
+            client.publish(topic, "forged", qos=1)
+        client.publish("e3pose/lab/home/end", "", qos=1)
+        late = Counter(topic for topic, _ in until(heard, "e3pose/lab/home/end"))
+        assert late["homeassistant/device/e3pose_lab/config"] <= 1 + 1, "the forged one, and one"
+        stream.people(replace(WATCH, time_ns=2 * 10**9), [replace(FELL, track=8)])
+        again = dict(until(heard, "e3pose/lab/home/told"))
+        assert json.loads(again["e3pose/lab/home/told"])["track"] == 8, "it goes on"
+        stream.close()

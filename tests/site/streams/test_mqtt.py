@@ -13,6 +13,7 @@ from unittest.mock import MagicMock
 import paho.mqtt.client as mqtt
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
+from tests.cases import each_case
 from tests.site.streams.broker import broker, listening
 from tests.site.streams.test_streams import EVENT, FELL, SOURCE, WATCH, slot
 
@@ -55,8 +56,8 @@ def test_password_and_certificate_let_in(keys: Path, monkeypatch: pytest.MonkeyP
     assert "e3pose/lab/poses" in topics and "e3pose/lab/zone/door" in topics
 
 
-@pytest.mark.parametrize("kind", [MqttStream, HomeAssistantStream])
-def test_a_fall_has_room_while_the_broker_is_away(
+@each_case("kind", [MqttStream, HomeAssistantStream])
+def test_a_fall_has_room_while_no_broker_is(
     kind: type[MqttStream | HomeAssistantStream],
 ) -> None:
     client = mqtt.Client(CallbackAPIVersion.VERSION2)
@@ -75,8 +76,8 @@ def test_a_fall_has_room_while_the_broker_is_away(
     assert re.search(r"is away: \d+ events lost$", stream.problem)
 
 
-@pytest.mark.parametrize("kind", [MqttStream, HomeAssistantStream])
-def test_a_broker_that_comes_back_is_told_all_that_is_to_stay(
+@each_case("kind", [MqttStream, HomeAssistantStream])
+def test_a_broker_that_comes_back_is_told_all(
     kind: type[MqttStream | HomeAssistantStream],
 ) -> None:
     client = MagicMock()
@@ -107,9 +108,7 @@ def test_wrong_password_is_reported_and_not_said(monkeypatch: pytest.MonkeyPatch
 
 # paho does not close the socket of a handshake that failed.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_certificate_of_somebody_else_is_refused(
-    keys: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_s_certificate_is_refused(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SSL_CERT_FILE", raising=False)
     with (
         broker(None, server_side(keys)) as port,

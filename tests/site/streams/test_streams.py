@@ -246,7 +246,7 @@ def test_slots_and_zone_events_go_to_every_stream_also_after_a_silence(
     assert kept.zones == ["enter"] and sender.sent == 2 and not sender.running()
 
 
-def test_stream_that_fails_ends_the_program_with_its_error(
+def test_stream_that_fails_ends_the_program(
     sending: Callable[[Kept], tuple[Hub, Sender]],
 ) -> None:
     kept = Kept()

@@ -256,9 +256,7 @@ def test_viewers_see_and_download_and_change_nothing(
     operator.delete(f"/api/control/clips/{clip['number']}")
 
 
-def test_recordings_are_listed_and_deleted_by_their_names_alone(
-    watched: Watched, operator: httpx.Client
-) -> None:
+def test_recordings_are_deleted_by_their_names(watched: Watched, operator: httpx.Client) -> None:
     names = [one["name"] for one in operator.get("/api/recordings").json()]
     assert names == ["20261118T101640Z", "20261118T100640Z"]
     first = operator.get("/api/recordings").json()[1]
@@ -339,7 +337,9 @@ def test_jobs_are_there_for_the_next_program_which_says_what_was_cut_off(desk: D
         assert [path.name for path in (desk.folder / one).iterdir()] == ["job.json"]
 
 
-def test_a_second_program_of_the_site_says_that_there_is_another(desk: Desk) -> None:
+def test_files_go_after_a_day_and_a_second_program_is_told(
+    desk: Desk,
+) -> None:
     jobs = desk.open()
     done = desk.done(jobs)
     second = desk.open()
@@ -348,11 +348,7 @@ def test_a_second_program_of_the_site_says_that_there_is_another(desk: Desk) -> 
         second.add(WISH)
     second.close()
     assert jobs.file(done, "walk.csv").is_file()
-
-
-def test_files_go_a_day_after_they_were_made(desk: Desk) -> None:
-    jobs = desk.open()
-    done = desk.done(jobs)
+    # Files go a day after they were made.
     desk.now_s += KEPT_S - 1
     assert jobs.file(done, "walk.csv").is_file()
     desk.now_s += 2

@@ -32,7 +32,7 @@ from e3pose.site.web.feed import (
     Feed,
     TooMany,
 )
-from e3pose.site.web.schemas import Encoded, event_of_status
+from e3pose.site.web.schemas import Encoded
 from e3pose.site.zones import Zones
 from e3pose.store.names import StoredNames
 from e3pose.wire.codec import encode
@@ -271,21 +271,6 @@ def test_so_many_and_no_more_follow() -> None:
         assert feed.followers == 0
 
     asyncio.run(crowd())
-
-
-def test_an_event_is_encoded_once_for_all() -> None:
-    event = event_of_status(status(3), None)
-    encoded = [b""] * 4
-
-    def take(row: int) -> None:
-        encoded[row] = event.json
-
-    threads = [threading.Thread(target=take, args=(row,)) for row in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(set(encoded)) == 1 and event.json is event.json
 
 
 def test_zone_events_and_counts_are_reported() -> None:

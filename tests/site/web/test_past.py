@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.site.web.watched import RIG, STARTED_NS, Watched, watched_site
 
+from e3pose.events.states import STATES
 from e3pose.events.watch import advance, begin_watch
 from e3pose.model.people import People
 from e3pose.model.skeleton import COCO17
@@ -67,29 +68,24 @@ def client(watched: Watched) -> Iterator[httpx.Client]:
         yield made
 
 
+def asked(first: int, last: int, limit: int = 2000, **more: Any) -> dict[str, Any]:
+    span = {"start": str(at_ns(first)), "end": str(at_ns(last))}
+    return {**span, "doing": True, "limit": limit, **more}
+
+
 def slots_of(client: httpx.Client, first: int, last: int, **more: Any) -> list[dict[str, Any]]:
-    asked: dict[str, Any] = {
-        "start": str(at_ns(first)),
-        "end": str(at_ns(last)),
-        "doing": True,
-        "limit": 2000,
-    }
-    answer = client.get("/api/poses", params={**asked, **more})
+    answer = client.get("/api/poses", params=asked(first, last, **more))
     assert answer.status_code == 200, answer.text
     return list(answer.json()["slots"])
 
 
-def test_postures_of_the_past_are_those_of_the_live_page(
-    client: httpx.Client, watched: Watched
-) -> None:
+def test_postures_of_the_past_are_the_live_ones(client: httpx.Client, watched: Watched) -> None:
     found = slots_of(client, 130, 370)
     states = {slot["slot"]: slot["people"][0]["state"] for slot in found}
     assert states[140] in ("standing", "walking") and states[360] == "lying", states
     # Whoever followed all slots from the first says the same.
     watch = begin_watch(EventsTable(), COCO17.joints)
     live: dict[int, str] = {}
-    from e3pose.events.states import STATES
-
     for _, slot in stored_slots(Store(watched.folder / "lab.db").read(run=2)):
         watch, _ = advance(watch, slot)
         live[slot.slot] = STATES[int(watch.shown[7].states.argmax())]
@@ -111,10 +107,7 @@ def test_since_when_somebody_is_there_and_in_a_zone(client: httpx.Client) -> Non
 
 def test_pages_say_the_same_as_one_answer(client: httpx.Client) -> None:
     whole = slots_of(client, 200, 259)
-    first = client.get(
-        "/api/poses",
-        params={"start": str(at_ns(200)), "end": str(at_ns(259)), "doing": True, "limit": 31},
-    ).json()
+    first = client.get("/api/poses", params=asked(200, 259, limit=31)).json()
     rest = slots_of(client, 200, 259, cursor=first["cursor"])
     apart = [slot["people"][0]["state"] for slot in first["slots"] + rest]
     assert apart == [slot["people"][0]["state"] for slot in whole]

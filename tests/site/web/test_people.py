@@ -9,6 +9,7 @@ from typing import Any
 
 import httpx
 import pytest
+from tests.cases import each_case
 from tests.site.web.watched import STARTED_NS, Watched, watched_site
 from tests.waiting import eventually
 
@@ -32,9 +33,7 @@ def change(client: httpx.Client, **body: Any) -> httpx.Response:
     return client.post("/api/control/people", json=body)
 
 
-def test_operators_name_and_colour_a_person_and_everybody_is_told(
-    watched: Watched, operator: httpx.Client
-) -> None:
+def test_operators_name_people_and_all_are_told(watched: Watched, operator: httpx.Client) -> None:
     answer = change(operator, run=1, track=10, name=" Ada ", colour="gold")
     assert answer.json() == {"said": "Named 1 track. Colour: gold"}
     assert change(operator, run=1, track=11, name="Ada").status_code == 200
@@ -91,7 +90,7 @@ def test_viewers_see_names_and_change_none(watched: Watched) -> None:
         assert [one["name"] for one in client.get("/api/people").json()] == ["Ada"]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("body", "words"),
     [
         ({"run": 1, "track": 10, "name": "7"}, "not only digits"),

@@ -13,14 +13,12 @@ import pytest
 from fastapi import FastAPI
 from starlette.testclient import TestClient
 from tests.cases import each_case
-from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub, MemoryTransport
 from tests.site.tables import write_site
 from tests.site.web.watched import FPS, RIG, STARTED_NS, Watched, poses, record
 
 from e3pose.base.errors import InputError
 from e3pose.base.jpeg import jpeg_size
-from e3pose.camera.pictures import Pictures
 from e3pose.site.connect import live_slot
 from e3pose.site.web.access import Client, Rules
 from e3pose.site.web.control import Ask
@@ -121,10 +119,8 @@ def test_picture_waits_until_the_poses_of_its_moment_are_published() -> None:
     assert len(seen.asked) == 2
 
 
-@pytest.mark.parametrize(("moment", "slots"), [(5.0, (2, 3)), (1.4, (3, 4))])
-def test_moment_without_a_slot_has_a_picture_and_nobody_in_it(
-    moment: float, slots: tuple[int, ...]
-) -> None:
+@each_case(("moment", "slots"), [(5.0, (2, 3)), (1.4, (3, 4))])
+def test_moment_without_a_slot_shows_nobody(moment: float, slots: tuple[int, ...]) -> None:
     seen = Seen(answer=taken(moment))
     seen.publish(*slots)
     seen.ask()
@@ -142,7 +138,7 @@ def test_camera_is_asked_so_often_and_no_more_however_many_watch() -> None:
     assert len(seen.asked) == 12.5 * PER_S
 
 
-def test_picture_that_page_or_server_has_is_not_sent_again() -> None:
+def test_last_picture_of_a_camera_that_sleeps_has_its_age_and_is_not_sent_again() -> None:
     seen = Seen(answer=taken(2))
     seen.publish(2)
     first = seen.ask()
@@ -151,6 +147,14 @@ def test_picture_that_page_or_server_has_is_not_sent_again() -> None:
     assert seen.asked[-1] == PictureQuestion(captured(2), False)
     assert again["jpeg"] is None and again["captured_ns"] == captured(2) and not again["why"]
     assert seen.ask()["jpeg"] == first["jpeg"]  # another page
+    # Last picture of a camera that sleeps has its age.
+    seen = Seen(answer=taken(2))
+    seen.publish(2)
+    assert seen.ask()["age_s"] == pytest.approx(1 / PER_S, abs=0.01)
+    seen.answer = Picture("c0", 0, (1, 1), b"")
+    found = seen.ask(after_s=30.0)
+    assert found["jpeg"] and found["age_s"] == pytest.approx(30.5, abs=0.01)
+    assert found["slot"] == 2 and len(found["people"]) == 2  # those of its own moment
 
 
 def test_large_picture_is_asked_for_while_somebody_wants_one() -> None:
@@ -166,16 +170,6 @@ def test_large_picture_is_asked_for_while_somebody_wants_one() -> None:
     assert seen.asked[-1] == PictureQuestion(captured(2), True)
     seen.ask(large["have"], after_s=5.0)
     assert seen.asked[-1] == PictureQuestion(captured(2), False)
-
-
-def test_last_picture_of_a_camera_that_sleeps_has_its_age() -> None:
-    seen = Seen(answer=taken(2))
-    seen.publish(2)
-    assert seen.ask()["age_s"] == pytest.approx(1 / PER_S, abs=0.01)
-    seen.answer = Picture("c0", 0, (1, 1), b"")
-    found = seen.ask(after_s=30.0)
-    assert found["jpeg"] and found["age_s"] == pytest.approx(30.5, abs=0.01)
-    assert found["slot"] == 2 and len(found["people"]) == 2  # those of its own moment
 
 
 @each_case(
@@ -273,22 +267,12 @@ def test_camera_that_never_answers_keeps_nobody_waiting() -> None:
         (b"", None),
     ],
 )
-def test_size_of_a_jpeg_is_read_before_it_is_shown(
-    data: bytes, size: tuple[int, int] | None
-) -> None:
+def test_size_of_a_jpeg_is_read_beforehand(data: bytes, size: tuple[int, int] | None) -> None:
     if size is None:
         with pytest.raises(InputError, match="picture: found"):
             jpeg_size(data)
     else:
         assert jpeg_size(data) == size
-
-
-def test_pictures_of_cameras_are_read_as_they_are() -> None:
-    pictures = Pictures("c0", ManualClock(0))
-    pictures.offer(lambda: np.zeros((1080, 1920, 3), np.uint8), 1, 5, (1920, 1080))
-    answer = pictures.answer("", encode(PictureQuestion(0, True)))
-    assert answer is not None
-    assert jpeg_size(decode(answer, Picture, "c0").jpeg) == (960, 540)
 
 
 def test_route_knows_its_cameras() -> None:

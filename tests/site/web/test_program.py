@@ -14,12 +14,10 @@ import pytest
 from tests.cases import each_case
 from tests.memory_transport import Hub
 from tests.rigs import looking
-from tests.site.tables import write_site
+from tests.site.tables import resolved_site, write_site
 
 from e3pose.base.child_process import PASSES
 from e3pose.base.errors import InputError
-from e3pose.recording.calibration import save_rig
-from e3pose.settings.resolved import resolve
 from e3pose.settings.site_file import DEFAULT_LISTEN
 from e3pose.site.up import end
 from e3pose.site.web import program
@@ -33,13 +31,10 @@ NOW = datetime.datetime.now(datetime.timezone.utc)
 TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'
 
 
-def test_view_is_on_loopback_by_default(tmp_path: Path) -> None:
+def test_view_is_on_loopback_and_no_plain_http_beyond_this_machine(tmp_path: Path) -> None:
     address = address_of(write_site(tmp_path))
     assert (address.host, address.port, address.certificate) == ("127.0.0.1", 8470, None)
     assert "localhost" in address.hosts
-
-
-def test_plain_http_beyond_this_machine_is_refused(tmp_path: Path) -> None:
     site = write_site(tmp_path, '[view]\nlisten = "0.0.0.0:8470"\n')
     with pytest.raises(InputError, match=r"site\.toml: view\.listen: found 0\.0\.0\.0:8470, plain"):
         address_of(site)
@@ -58,8 +53,7 @@ def test_place_that_is_none_is_refused(tmp_path: Path, listen: str) -> None:
 
 
 def test_port_that_is_taken_is_an_error_that_names_it(tmp_path: Path) -> None:
-    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
-    site = resolve(write_site(tmp_path))
+    site = resolved_site(tmp_path, looking((4, 0), (0, 4)))
     with open_view(site, "127.0.0.1:0", transport=Hub().join()) as view:
         port = int(view.url.rpartition(":")[2].strip("/"))
         with pytest.raises(InputError, match=f"port {port} is in use"):
@@ -76,6 +70,7 @@ def test_default_port_that_is_taken_gives_way_to_the_next_free_one(
     assert write_site(tmp_path, written).view.listen is not DEFAULT_LISTEN
     told = list[str]()
     with listening_at("127.0.0.1", 0) as other:
+        assert other.proto == socket.IPPROTO_TCP, "by which asyncio lets answers leave at once"
         port = other.getsockname()[1]
         default = Endpoint("tcp", "127.0.0.1", port)
         monkeypatch.setattr(program, "DEFAULT_LISTEN", default)
@@ -96,8 +91,7 @@ def test_default_port_that_is_taken_gives_way_to_the_next_free_one(
 
 @pytest.mark.skipif(not PASSES, reason="sockets are not passed on here")
 def test_page_of_up_has_its_port_before_it_starts_and_over_restarts(tmp_path: Path) -> None:
-    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
-    site = resolve(write_site(tmp_path, '[view]\nlisten = "127.0.0.1:0"\n'))
+    site = resolved_site(tmp_path, looking((4, 0), (0, 4)), '[view]\nlisten = "127.0.0.1:0"\n')
     page, address = view_program(site, tmp_path, print)
     client = socket.create_connection((address.host, address.port))  # waits for whoever serves
     with pytest.raises(InputError, match="is in use"):
@@ -117,18 +111,11 @@ def test_page_of_up_has_its_port_before_it_starts_and_over_restarts(tmp_path: Pa
         pass
 
 
-def test_answers_leave_at_once(tmp_path: Path) -> None:
-    """Else the last part of an answer waits for the other side to say that it has the others."""
-    with listening_at("127.0.0.1", 0) as listening:
-        assert listening.proto == socket.IPPROTO_TCP  # which asyncio looks at
-
-
-def test_beyond_loopback_it_is_https_with_the_certificate_of_the_edge_and_a_token(
+def test_beyond_loopback_it_is_https_by_the_edge_s_certificate_and_a_token(
     tmp_path: Path,
 ) -> None:
     init_keys(tmp_path / "keys", "lab", [], NOW)
-    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
-    site = resolve(write_site(tmp_path, TLS))
+    site = resolved_site(tmp_path, looking((4, 0), (0, 4)), TLS)
     trusted = ssl.create_default_context(cafile=str(tmp_path / "keys" / "authority.pem"))
     with open_view(site, "0.0.0.0:0", transport=Hub().join()) as view:
         assert view.url.startswith("https://localhost:") and not view.rules.open_reading
@@ -142,8 +129,7 @@ def test_beyond_loopback_it_is_https_with_the_certificate_of_the_edge_and_a_toke
 def test_renewed_certificate_is_shown_to_new_connections(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     init_keys(keys, "lab", [], NOW - datetime.timedelta(days=100))
-    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
-    site = resolve(write_site(tmp_path, TLS))
+    site = resolved_site(tmp_path, looking((4, 0), (0, 4)), TLS)
 
     def shown(port: int) -> bytes:
         return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", port)))
