@@ -9,63 +9,31 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from typing import Protocol
 
 NAMESPACE, HERE, THERE = "e3pose-test", "e3pose-a", "e3pose-b"
 EDGE, AWAY = "10.213.77.1", "10.213.77.2"
 INSIDE = ("ip", "netns", "exec", NAMESPACE)
-DELAY_S, JITTER_S, LOSS = 0.05, 0.1, 0.05
 FAR_S, FAR_LOSS = 0.15, 0.01  # each way, of a link to a site that is far away
 RESEND_S = 0.2  # what TCP waits, at least, before it sends again what was lost
 
 
-class BadLink(Protocol):
-    """How cameras reach the edge."""
+class Netem:
+    """A link to another network namespace, which the kernel lets misbehave.
 
-    @property
-    def host(self) -> str:
-        """Where the edge listens."""
-        ...
+    Attributes:
+        host: where the edge listens.
+        inside: the command that runs a camera at the far end.
+    """
 
-    @property
-    def inside(self) -> Sequence[str]:
-        """The command that runs a camera at the far end."""
-        ...
+    host: str = EDGE
+    inside: Sequence[str] = INSIDE
 
     def port_for(self, port: int) -> int:
         """Return the port at which cameras find the edge that listens on one."""
-        ...
-
-    def jitter(self) -> None:
-        """Lose 5 % and delay by 50 to 150 ms from now on."""
-        ...
+        return port
 
     def far(self) -> None:
         """Lose 1 % and delay by 300 ms there and back from now on."""
-        ...
-
-    def cut(self) -> None:
-        """Let nothing through."""
-        ...
-
-    def heal(self) -> None:
-        """Be a good link again."""
-        ...
-
-
-class Netem:
-    """A link to another network namespace, which the kernel lets misbehave."""
-
-    host, inside = EDGE, INSIDE
-
-    def port_for(self, port: int) -> int:
-        return port
-
-    def jitter(self) -> None:
-        half = (f"{DELAY_S + JITTER_S / 2:.3f}s", f"{JITTER_S / 2:.3f}s")
-        self._behave("delay", *half, "loss", f"{LOSS:.0%}")
-
-    def far(self) -> None:
         self._behave("delay", f"{FAR_S}s", "loss", f"{FAR_LOSS:.0%}")
 
     def cut(self) -> None:
@@ -80,14 +48,14 @@ class Netem:
 
 
 class Relay:
-    """Passes on what comes, late as jitter and repeated sending make it, or not at all.
+    """Passes on what comes, late as a far link and repeated sending make it, or not at all.
 
-    Over a namespace the link itself is cut; otherwise the relay holds everything back.
+    In place of `Netem`. Over a namespace the link itself is cut; otherwise the relay holds back.
     """
 
     def __init__(self, host: str, inside: Sequence[str]) -> None:
         self.host, self.inside = host, inside
-        self._delay_s, self._jitter_s, self._loss = 0.0, 0.0, 0.0
+        self._delay_s, self._loss = 0.0, 0.0
         self._open = threading.Event()
         self._open.set()
         self._rng = random.Random(1)
@@ -97,11 +65,8 @@ class Relay:
         threading.Thread(target=self._accept, args=(port,), daemon=True).start()
         return int(self._listener.getsockname()[1])
 
-    def jitter(self) -> None:
-        self._delay_s, self._jitter_s, self._loss = DELAY_S, JITTER_S, LOSS
-
     def far(self) -> None:
-        self._delay_s, self._jitter_s, self._loss = FAR_S, 0.0, FAR_LOSS
+        self._delay_s, self._loss = FAR_S, FAR_LOSS
 
     def cut(self) -> None:
         if self.inside:
@@ -110,7 +75,7 @@ class Relay:
             self._open.clear()
 
     def heal(self) -> None:
-        self._delay_s, self._jitter_s, self._loss = 0.0, 0.0, 0.0
+        self._delay_s, self._loss = 0.0, 0.0
         if self.inside:
             _everything_to("somebody")
         self._open.set()
@@ -168,7 +133,10 @@ class Relay:
 
     def _late_s(self) -> float:
         lost = self._rng.random() < self._loss
-        return self._delay_s + self._jitter_s * self._rng.random() + RESEND_S * lost
+        return self._delay_s + RESEND_S * lost
+
+
+BadLink = Netem | Relay
 
 
 @contextlib.contextmanager

@@ -9,20 +9,24 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
 import pytest
 from tests.ports import free_port
+from tests.rigs import looking
 from tests.waiting import WAIT_S, eventually
 
 from e3pose.base.errors import InputError
+from e3pose.model.camera import Rig
 from e3pose.recording import save_recording
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.follow import Follower, viewer_link
@@ -86,7 +90,6 @@ class LiveSite:
     programs: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     poses: list[Poses] = field(default_factory=list)
-    ended: dict[str, int] = field(default_factory=dict)
     _viewer: NetworkTransport | None = None
 
     @property
@@ -156,12 +159,6 @@ class LiveSite:
         self.start("view", *e3pose("view", str(self.path), "--listen", listen, "--keys", str(desk)))
         assert eventually(lambda: "Control the site" in self.log("view").read_text())
         return f"http://{listen}/"
-
-    def start_odd_camera(self, camera_id: str, habit: str) -> None:
-        """Start a camera that behaves badly; see `odd_camera`."""
-        keys = self.folder / "keys" / "cameras" / camera_id
-        program = [sys.executable, str(HERE / "odd_camera.py"), habit, camera_id, self.endpoint]
-        self.start(camera_id, *program, str(keys), str(self.folder / "recording"))
 
     def watch(self) -> None:
         """Follow what the edge says."""
@@ -273,9 +270,7 @@ class LiveSite:
 
     def wait(self, name: str, seconds: float = WAIT_S) -> int:
         """Wait for the end of a program; return its exit code."""
-        code = self.programs.pop(name).wait(seconds)
-        self.ended[name] = code
-        return code
+        return self.programs.pop(name).wait(seconds)
 
     def diagnostics(self) -> str:
         """Return what all programs said, for the one who looks into a failure."""
@@ -319,6 +314,63 @@ class LiveSite:
 def e3pose(*words: str) -> list[str]:
     """Return the command line of a verb."""
     return [sys.executable, "-m", "e3pose", *words]
+
+
+@contextmanager
+def running(
+    site_file: Path,
+    log: Path,
+    *options: str,
+    heard: Callable[[Status], object] = lambda status: None,
+) -> Iterator[tuple[subprocess.Popen[bytes], Follower]]:
+    """Run a site with `up`, its output in a file, and follow it; end it with Ctrl-C.
+
+    Args:
+        site_file: of the site.
+        log: what the program says.
+        options: of `up`.
+        heard: called with every status.
+    """
+    site = load_site(site_file)
+    follower = Follower(site.name)
+    with log.open("wb") as output, closing(open_network(viewer_link(site, None))) as transport:
+        follower.listen(transport, None, heard)
+        command = e3pose("up", str(site_file), *options)
+        up = subprocess.Popen(
+            command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True, umask=0o022
+        )
+        try:
+            yield up, follower
+        finally:
+            up.send_signal(signal.SIGINT)
+            up.wait(60)
+    assert "Traceback" not in log.read_text()
+
+
+EYES = """
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+
+class Eyes:
+    skeleton = COCO17
+
+    def detect(self, image):
+        return Poses2D.empty(17)
+"""
+
+
+def small_cameras(folder: Path, *places: tuple[float, float]) -> Rig:
+    """Write what a site of small network cameras needs: `calib.toml` and a detector, `eyes.py`.
+
+    Args:
+        folder: to write to.
+        places: of the cameras, which have 64 x 48 pixels, as `network_camera` sends them.
+    """
+    (folder / "eyes.py").write_text(EYES)
+    K = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
+    rig = Rig(tuple(replace(c, image_size=(64, 48), K=K) for c in looking(*places).cameras))
+    save_rig(rig, folder / "calib.toml")
+    return rig
 
 
 @contextmanager

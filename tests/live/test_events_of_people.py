@@ -7,7 +7,7 @@ import shutil
 import signal
 import subprocess
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,6 @@ from typing import Any
 import paho.mqtt.client as mqtt
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
-from tests.cli import commands
 from tests.live.processes import CAMERAS, FPS, LiveSite, e3pose
 from tests.ports import free_port
 from tests.site.streams.test_webhook import SECRET, Receiver, checker
@@ -26,7 +25,6 @@ from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.simulate.simulation import lives_of
 from e3pose.store import Store
-from e3pose.store.people import people_of
 
 HOME = SceneSettings("home-fall", seconds=30.0, fps=FPS, cameras=len(CAMERAS))
 SEED = 1
@@ -48,10 +46,10 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveSite]:
-    """A home in which somebody falls every half minute; its events may tell names."""
+    """A home in which somebody falls every half minute."""
     folder = tmp_path_factory.mktemp("home")
     save_recording(simulate(HOME, SEED), folder / "recording")
-    tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0", 'names = ["mqtt"]')
+    tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0")
     with LiveSite(folder, tables=tables, together=True).at_work() as made:
         yield made
 
@@ -62,19 +60,14 @@ class Heard:
 
     Attributes:
         client: the client.
-        messages: topic, payload, and whether the broker keeps it; oldest first.
+        messages: topic and payload, oldest first.
     """
 
     client: mqtt.Client
-    messages: list[tuple[str, str, bool]]
+    messages: list[tuple[str, str]]
 
     def newest(self, topic: str) -> str | None:
-        return next((told for at, told, _ in reversed(self.messages) if at == topic), None)
-
-    def names(self, since: int = 0) -> list[str]:
-        """Return the names that events told."""
-        told = self.messages[since:]
-        return [json.loads(said)["name"] for topic, said, _ in told if "/event/" in topic]
+        return next((told for at, told in reversed(self.messages) if at == topic), None)
 
 
 @contextmanager
@@ -84,7 +77,7 @@ def listening(port: int, *topics: str) -> Iterator[Heard]:
     heard = Heard(mqtt.Client(CallbackAPIVersion.VERSION2), [])
     home = heard.client
     home.on_message = lambda _client, _data, message: heard.messages.append(
-        (message.topic, message.payload.decode(), message.retain)
+        (message.topic, message.payload.decode())
     )
     home.on_subscribe = lambda *_: ready.set()
     assert eventually(lambda: is_reached(home, port)), "mosquitto runs"
@@ -105,18 +98,6 @@ def is_reached(home: mqtt.Client, port: int) -> bool:
         return not home.connect("127.0.0.1", port)
     except OSError:
         return False
-
-
-@pytest.fixture
-def verb(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Return what runs a verb that must succeed, and returns what it printed."""
-
-    def of(*words: object) -> str:
-        code, said = commands.run(*words), capsys.readouterr()
-        assert code == 0, said.err
-        return said.out + said.err
-
-    return of
 
 
 @pytest.fixture
@@ -157,7 +138,7 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
 
         # Who joins while somebody lies there is told that first.
         assert eventually(lambda: "fall" in notices()), site.log("stream").read_text()
-        assert not any("joints" in told for _, told, _ in heard.messages), "no poses leave"
+        assert not any("joints" in told for _, told in heard.messages), "no poses leave"
 
         def stored() -> list[dict[str, Any]]:
             return [row for row in store.rows("events") if row["kind"] == "fall"]
@@ -172,49 +153,3 @@ def test_a_fall_reaches_home_assistant_a_webhook_and_the_store(
         assert "A fall or a long lie was reported." in said, said
         site.programs["stream"].kill()  # the broker tells what its program cannot
         assert eventually(lambda: heard.newest("e3pose/lab/home/online") == "offline")
-
-
-@pytest.mark.nightly
-def test_a_name_is_told_while_it_is_one_and_forgotten_everywhere(
-    site: LiveSite, port: int, verb: Callable[..., str]
-) -> None:
-    """After the test before: the edge ends in this one."""
-    database = site.folder / "poses.db"
-    with listening(port, "#") as heard:
-
-        def tells(name: str) -> bool:
-            """Give everybody the name, and return whether an event was told with it."""
-            for person in people_of(database):
-                run_of, track = person.tracks[0]
-                who = person.name or str(track)
-                if who != name:
-                    commands.run("people", "name", site.path, who, name, "--run", run_of)
-            return name in heard.names()
-
-        site.start("stream", *e3pose("stream", str(site.path), f"mqtt://127.0.0.1:{port}"))
-        assert eventually(lambda: tells("Ada"), 90.0), (heard, site.diagnostics())
-        assert eventually(lambda: tells("Berta"), 90.0), (heard, site.diagnostics())
-        since = next(i for i, (_, told, _) in enumerate(heard.messages) if "Berta" in told)
-        assert "Ada" not in heard.names(since)
-        kept_by_broker = (told for topic, told, kept in heard.messages if kept)
-        assert not any("Ada" in told or "Berta" in told for told in kept_by_broker)
-        table, copy = site.folder / "tracks.csv", site.folder / "backup.db"
-        verb("export", site.path, table, "--what", "tracks")
-        verb("store", "copy", site.path, copy)
-        assert "Berta" in table.read_text()
-        tracks = [one for p in people_of(database) for one in p.tracks if p.name]
-        assert " 0 left" in verb("people", "forget", site.path, "Berta", "--also", table, copy)
-        begun = len(heard.messages)
-        assert eventually(lambda: heard.names(begun), 90.0), site.diagnostics()
-        assert set(heard.names(begun)) == {""}, "who was forgotten is a number"
-        site.send("edge", signal.SIGINT)
-        assert site.wait("edge") == 0
-    for run_of, track in tracks:  # who stayed in view was stored on
-        who = ("people", "forget", site.path, track, "--run", run_of)
-        assert " 0 left" in verb(*who)
-        assert "Nothing of" in verb("people", "find", *who[2:])
-    kept = [path for path in site.folder.rglob("*") if path.is_file()]
-    traces = [
-        path.name for path in kept for name in (b"Ada", b"Berta") if name in path.read_bytes()
-    ]
-    assert copy in kept and traces == []

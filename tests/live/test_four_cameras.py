@@ -80,7 +80,7 @@ def run(
 
 
 @pytest.mark.nightly  # two minutes; what the page does by commands test_setup_page.py does by hand
-def test_page_leads_from_four_sources_to_live_poses(
+def test_four_sources_become_live_poses(
     tmp_path: Path, run: Callable[[str], tuple[int, str]]
 ) -> None:
     folder = tmp_path

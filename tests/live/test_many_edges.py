@@ -129,11 +129,6 @@ def house(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator
             made.edge.wait()
 
 
-def test_all_sites_have_all_their_slots(house: House) -> None:
-    house.begin()
-    house.unhurt(*NAMES)
-
-
 @pytest.mark.nightly
 def test_keys_of_one_site_are_worth_nothing_at_another(house: House) -> None:
     lab, hall = house.sites["lab"], house.sites["hall"]
@@ -188,18 +183,6 @@ def test_site_that_fails_is_started_again_and_its_neighbours_lose_nothing(house:
     assert hall.poses[-1].slot > last  # the numbers go on
     house.unhurt("lab", slots=20)
     assert not house.events("lab", "restarted")
-
-
-@pytest.mark.nightly
-def test_overloaded_site_loses_slots_of_its_own_alone(house: House) -> None:
-    hall = house.sites["hall"]
-    house.begin()
-    house.send(signal.SIGUSR2)
-    assert eventually(lambda: "overload" in hall.status().overload), house.said("hall")
-    assert eventually(lambda: hall.status().slots_lost > house.before["hall"][1]), house.said(
-        "hall"
-    )
-    house.unhurt("lab", slots=100)
 
 
 def test_sigterm_saves_all_sites_and_each_goes_on(house: House) -> None:

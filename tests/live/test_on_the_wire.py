@@ -9,24 +9,20 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
-import numpy as np
 import psutil
 import pytest
 from tests.camera.mjpeg import jpeg, network_camera
-from tests.live.processes import COMPILE_S, e3pose
-from tests.live.test_planted_secrets import EYES
+from tests.live.processes import COMPILE_S, e3pose, small_cameras
 from tests.ports import free_port
-from tests.rigs import looking
 from tests.waiting import eventually
 
 from e3pose.camera.phone import MAX_FRAME_BYTES, PER_ADDRESS
 from e3pose.camera.phone_file import PhoneFile, save_phone
 from e3pose.model.camera import Rig
-from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.phones import show_phone
@@ -250,11 +246,7 @@ class Small:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Small]:
     folder = tmp_path_factory.mktemp("small")
-    (folder / "eyes.py").write_text(EYES)
-    K = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
-    cameras = looking((4, 0), (0, 4), (-4, 0)).cameras
-    rig = Rig(tuple(replace(each, image_size=(64, 48), K=K) for each in cameras))
-    save_rig(rig, folder / "calib.toml")
+    rig = small_cameras(folder, (4, 0), (0, 4), (-4, 0))
     port, log = free_port(), folder / "log"
     (folder / "site.toml").write_text(SITE.format(port=port))
     file, follower = folder / "anna.toml", Follower("lab")

@@ -3,41 +3,22 @@
 from __future__ import annotations
 
 import re
-import signal
-import subprocess
 import urllib.request
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import psutil
 import pytest
 from tests.camera.mjpeg import network_camera
 from tests.cli.commands import run
-from tests.live.processes import COMPILE_S, e3pose
+from tests.live.processes import COMPILE_S, running, small_cameras
 from tests.ports import free_port
-from tests.rigs import looking
 from tests.waiting import eventually
 
-from e3pose.model.camera import Rig
-from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import load_site
-from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.codec import encode
-from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Status
 
-EYES = """
-from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17
-
-class Eyes:
-    skeleton = COCO17
-
-    def detect(self, image):
-        return Poses2D.empty(17)
-"""
 PLANTED = re.compile(rb"Plant\w*")  # each password and token below
 TOKENS = """format = "e3pose-view-tokens"
 version = 1
@@ -66,12 +47,7 @@ def test_no_output_of_a_run_holds_a_password_of_a_camera(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "eyes.py").write_text(EYES)
-    K = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
-    eyes = (
-        replace(each, image_size=(64, 48), K=K) for each in looking((4, 0), (0, 4), (-4, 0)).cameras
-    )
-    save_rig(Rig(tuple(eyes)), tmp_path / "calib.toml")
+    small_cameras(tmp_path, (4, 0), (0, 4), (-4, 0))
     room = tmp_path / "room"
     with ExitStack() as stack:
         first, second, third = (stack.enter_context(network_camera(12.5)) for _ in range(3))
@@ -104,35 +80,25 @@ def test_no_output_of_a_run_holds_a_password_of_a_camera(
         found = " ".join(clean(said.out + said.err, "check").split())
         assert "its password is in" in found and "chmod 600" in found and "secret:FILE" in found
 
-        with (tmp_path / "up.log").open("wb") as output:
-            words = e3pose("up", "room", "--view")
-            up = subprocess.Popen(words, stdout=output, stderr=subprocess.STDOUT)
-        follower, statuses = Follower("room"), list[Status]()
-        transport = open_network(viewer_link(load_site(room), None))
-        follower.listen(transport, None, statuses.append)
-        try:
+        statuses, log_of_up = list[Status](), tmp_path / "up.log"
+        with running(room, log_of_up, "--view", heard=statuses.append) as (up, _):
             program = psutil.Process(up.pid)
             assert eventually(lambda: statuses and statuses[-1].slot > 10, COMPILE_S)
             lines = clean(command_lines(program), "ps")
             assert "secret:" in lines and "env:E3POSE_SOURCE" in lines
             log = room / "logs" / "c2.log"
             assert eventually(lambda: "127.0.0.1:9" in log.read_text(), 60), log.read_text()
-            assert eventually(lambda: "#token=" in (tmp_path / "up.log").read_text(), 60)
-            page = re.search(r"(http://\S+?)/?#token=(\S+)", (tmp_path / "up.log").read_text())
+            assert eventually(lambda: "#token=" in log_of_up.read_text(), 60)
+            page = re.search(r"(http://\S+?)/?#token=(\S+)", log_of_up.read_text())
             assert page is not None and page[2].startswith("PlantWriteH8")
             for url in (f"http://127.0.0.1:{metrics}/metrics", f"{page[1]}/api/status"):
                 asked = urllib.request.Request(url, headers={"Authorization": f"Bearer {page[2]}"})
                 clean(urllib.request.urlopen(asked, timeout=10).read(), url)
-        finally:
-            transport.close()
-            up.send_signal(signal.SIGINT)
-            up.wait(60)
         for status in statuses:
             clean(encode(status), "wire")
         path.write_text(text.replace(ABSENT, third.replace("://", "://admin:PlantI9@")))
         assert run("record", room, "walk", "--for", "1") == 0
-    printed = (tmp_path / "up.log").read_text()
-    (tmp_path / "up.log").write_text(printed.replace(page[2], ""))  # whom it is printed for
+    log_of_up.write_text(log_of_up.read_text().replace(page[2], ""))  # whom it is printed for
     for command in (
         ("export", room, "page.html"),
         ("export", room, "slots.parquet", "--what", "slots"),

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
 from collections.abc import Callable
-from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.cli import commands
-from tests.live.processes import COMPILE_S, e3pose
+from tests.live.processes import COMPILE_S, running
 from tests.ports import free_port
 from tests.waiting import eventually
 
@@ -62,17 +59,12 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     site = SITE.replace("PORT", str(free_port()))
     path = folder / "site.toml"
     path.write_text(site + "".join(CAMERA.format(id=i, record=r) for i, r in RECORD.items()))
-    command = e3pose("up", str(path), "--quiet")
-    with subprocess.Popen(command, start_new_session=True) as program:
+    with running(path, folder / "up.log", "--quiet") as (program, _):
         recordings = folder / "recordings"
-        try:
-            assert eventually(
-                lambda: program.poll() is not None or finished(recordings) >= 2, COMPILE_S
-            )
-            assert program.poll() is None
-        finally:
-            program.terminate()
-            program.wait(60)
+        assert eventually(
+            lambda: program.poll() is not None or finished(recordings) >= 2, COMPILE_S
+        )
+        assert program.poll() is None
     return folder
 
 
@@ -115,9 +107,7 @@ def test_session_is_a_recording_with_its_videos(session: Path, verb: Callable[..
     assert "missing-video" not in verb("info", part)
 
 
-def test_videos_show_what_was_seen_at_the_same_times(
-    session: Path, verb: Callable[..., str], tmp_path: Path
-) -> None:
+def test_videos_show_what_was_seen(session: Path, verb: Callable[..., str], tmp_path: Path) -> None:
     """Detected again from the video, people are where they were in the live session."""
     part = whole(session)
     recording = load_recording(part)
@@ -157,9 +147,7 @@ def compared(live: Recording, again: Recording) -> list[bool]:
     return agree
 
 
-def test_video_alone_stays_beside_the_recordings(
-    session: Path, verb: Callable[..., str], tmp_path: Path
-) -> None:
+def test_video_alone_stays_beside(session: Path, verb: Callable[..., str], tmp_path: Path) -> None:
     videos = videos_in(session / "recordings" / "videos" / "cam3")
     assert videos and all(begin_of(path) for path in videos)
     drawn = ("--calibration", session / "films" / "calibration.toml", "--model", "drawn")
@@ -171,29 +159,3 @@ def test_energy_of_recording_is_distinguished(session: Path) -> None:
     table = {(row["camera_id"], row["source"]) for row in rows}
     assert {("cam0", "recording"), ("cam3", "recording"), ("cam2", "modelled")} <= table
     assert ("cam2", "recording") not in table
-
-
-def test_verbs_of_recordings_take_a_session(
-    session: Path, verb: Callable[..., str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    part, noise = whole(session), session / "noise.toml"
-    policies = ("--policies", "all,round-robin", "--cameras", 2, "--seeds", 1, "--jobs", 1)
-    assert "round-robin" in verb("evaluate", part, *policies)
-    verb("calibrate", "noise", part, "--out", noise)
-    assert noise.stat().st_size > 0
-    assert "cam0" in verb("calibrate", "check", part, "--picture", session / "error.png")
-    assert commands.run("calibrate", "extrinsics", part, session / "anew.toml") == 2
-    assert "cam3" in capsys.readouterr().err  # whose keypoints nobody kept
-
-
-def test_any_stretch_of_a_session_is_a_page(session: Path, verb: Callable[..., str]) -> None:
-    slots = Store(session / "live.db").rows("slots")
-    times = [row["time_ns"] / 1e9 for row in slots]
-    middle = datetime.fromtimestamp((times[0] + times[-1]) / 2, timezone.utc)
-    page = session / "middle.html"
-    end = middle + timedelta(seconds=2)
-    stretch = ("--from", f"{middle:%Y-%m-%dT%H:%M:%S}", "--to", f"{end:%Y-%m-%dT%H:%M:%S}")
-    out = verb("export", session / "site.toml", page, *stretch)
-    shown = re.search(r"(\d+) slots", out)
-    assert shown is not None and 2 <= int(shown[1]) <= 21  # of the two seconds, not of the session
-    assert f"{middle:%Y-%m-%d}" in page.read_text()

@@ -44,7 +44,7 @@ def paused(edge: Edge) -> list[bool]:
     return [camera.paused for camera in edge.status().cameras]
 
 
-def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
+def test_slider_moves_the_edge_and_a_button_pauses_a_camera(
     site: tuple[Edge, View, Page],
 ) -> None:
     edge, view, page = site
@@ -72,7 +72,7 @@ def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
     assert page.messages == []
 
 
-def test_form_sets_target_error_and_weight_and_a_field_the_budget(
+def test_form_sets_target_and_weight_and_a_field_the_budget(
     site: tuple[Edge, View, Page],
 ) -> None:
     edge, view, page = site
@@ -105,9 +105,7 @@ def test_form_sets_target_error_and_weight_and_a_field_the_budget(
     assert page.messages == []
 
 
-def test_a_button_tests_the_webhook_of_another_program(
-    site: tuple[Edge, View, Page], tmp_path: Path
-) -> None:
+def test_a_button_tests_another_s_webhook(site: tuple[Edge, View, Page], tmp_path: Path) -> None:
     edge, view, page = site
     page.open(f"{view.url}#token={view.tokens.write}")
     assert page.shows("state", "live")

@@ -140,7 +140,7 @@ def test_a_drag_on_the_time_line_marks_and_a_click_goes_there(page: Page, watche
     assert eventually(lambda: page.of("past", "m.past.at_s") < at_s - 60)
 
 
-def test_files_are_made_of_chosen_people_and_outlive_a_reload(
+def test_files_of_chosen_people_outlive_a_reload(
     page: Page, watched: Watched, tmp_path: Path
 ) -> None:
     kept(watched)
@@ -176,24 +176,6 @@ def test_files_are_made_of_chosen_people_and_outlive_a_reload(
     assert page.messages == []
 
 
-def test_a_slow_network_only_takes_longer(page: Page, watched: Watched) -> None:
-    kept(watched)
-    page.slow()
-    try:
-        opened(page, watched, watched.view.tokens.write, "phone")
-        press(page, "Download … of Fall")
-        press(page, "Make the file")
-        assert page.shows("files", "Fall · ")
-        page.call("Page.reload")
-        assert page.shows("site", "lab")
-        assert eventually(lambda: page.run("Boolean(document.querySelector('#files .get'))"), 60)
-        press(page, "Play Fall")
-        assert page.shows("state", "past") and page.shows("people", "Ada")
-        assert page.messages == []
-    finally:
-        page.slow(False)
-
-
 def test_what_cannot_be_made_says_why_and_can_be_tried_again(page: Page, watched: Watched) -> None:
     with watched.client(watched.view.tokens.write) as client:
         body: dict[str, Any] = {"form": "csv", "name": "Empty", "start_ns": 1, "end_ns": 2}
@@ -204,9 +186,7 @@ def test_what_cannot_be_made_says_why_and_can_be_tried_again(page: Page, watched
     assert eventually(lambda: page.text("files").count("Not made") == 2)
 
 
-def test_viewers_play_and_download_and_are_offered_nothing_else(
-    page: Page, watched: Watched
-) -> None:
+def test_viewers_play_and_download_and_are_offered_no_more(page: Page, watched: Watched) -> None:
     kept(watched)
     opened(page, watched, watched.view.tokens.read, "phone")
     assert page.shows("clips", "Fall") and page.shows("recordings", "10 s")

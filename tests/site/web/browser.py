@@ -105,24 +105,6 @@ class Page:
                 **({"text": text} if text and kind == "keyDown" else {}),
             )  # fmt: skip
 
-    def can(self, selector: str, seconds: float = SHOWN_S) -> bool:
-        """Wait until an element is there and can be used; return whether it is in time."""
-        usable = "(e => Boolean(e && !e.disabled && !e.hidden))"
-        found = f"{usable}(document.querySelector({selector!r}))"
-        return eventually(lambda: self.run(found), seconds)
-
-    def push(self, selector: str) -> None:
-        """Push a button by the keyboard, as soon as it can be."""
-        assert self.can(selector, 120), selector
-        self.run(f"document.querySelector({selector!r}).focus()")
-        self.press("Enter")
-
-    def type_into(self, selector: str, text: str) -> None:
-        """Type into a field, in place of what is in it."""
-        assert self.can(selector), selector
-        self.run(f"(e => {{ e.focus(); e.select?.(); }})(document.querySelector({selector!r}))")
-        self.call("Input.insertText", text=text)
-
     def dark(self, on: bool) -> None:
         """Let the system ask for a dark page, or a light one."""
         scheme = {"name": "prefers-color-scheme", "value": "dark" if on else "light"}
