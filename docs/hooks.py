@@ -35,7 +35,6 @@ TUNED = (
     "estimate/per_slot",
     "estimate/smooth",
     "select",
-    "calibrate/resection.py",
 )
 DIARY = Path(__file__).parent.parent / "lab" / "experiments"
 TERMS = "2026-11-24-terms-of-the-filter.md"  # what each term is worth, measured

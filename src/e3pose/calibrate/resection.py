@@ -13,15 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.base.arrays import Floats
+from e3pose.calibrate import same_people
 from e3pose.calibrate.same_people import MIN_COMMON, MOST_COMMON, Evidence, Seen, one_to_one
 
 Pairs = dict[tuple[int, int], tuple[Floats, Floats, Floats]]
 
 MOST_HYPOTHESES = 12  # capacity: pairs of tracklet and person that may propose a position
-# tuned: standard deviations | by reasoning, tried on no recording | not measured
-TOLERANCE_SIGMAS = 3.0
-# tuned: joints | by reasoning, tried on no recording | not measured
-MIN_INLIERS = 20
 SEED = 7  # definition: any number, always the same
 
 
@@ -72,10 +69,10 @@ def resect(seen: Seen, camera: int, people: Sequence[PlacedPerson]) -> Resected 
         for _ in range(2):  # once more with everybody who agrees
             found, turn, shift, inliers = cv2.solvePnPRansac(
                 points, ideal, np.eye(3), None, iterationsCount=300, confidence=0.999,
-                reprojectionError=TOLERANCE_SIGMAS * float(np.median(sigma)),
+                reprojectionError=same_people.TOLERANCE_SIGMAS * float(np.median(sigma)),
                 flags=cv2.SOLVEPNP_SQPNP,
             )  # fmt: skip
-            if not found or inliers is None or len(inliers) < MIN_INLIERS:
+            if not found or inliers is None:
                 break
             trial = _judged(common, np.asarray(cv2.Rodrigues(turn)[0]), np.asarray(shift[:, 0]))
             if trial.evidence > (0.0 if best is None else best.evidence):
@@ -122,6 +119,7 @@ def _evidence(common: Pairs, R: Floats, t: Floats) -> Evidence:
         inside = points @ R.T + t
         with np.errstate(divide="ignore", invalid="ignore"):
             off = np.linalg.norm(inside[:, :2] / inside[:, 2:] - ideal, axis=-1)
-        squares = np.where(inside[:, 2] > 0, (off / (TOLERANCE_SIGMAS * sigma)) ** 2, np.inf)
+        off /= same_people.TOLERANCE_SIGMAS * sigma
+        squares = np.where(inside[:, 2] > 0, off**2, np.inf)
         found[pair] = float((1 - np.minimum(squares, 2.0)).sum())
     return found

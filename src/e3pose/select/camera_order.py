@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from e3pose.base.arrays import Floats
 from e3pose.model.camera import Rig
 
-# tuned: rounds | not recorded | not measured
-RECENT_ROUNDS = 4  # how many rounds back a view still counts as recent
-
 
 def viewing_angles(rig: Rig) -> Floats:
     """Return `(num_cameras, num_cameras)` angles in radians between the cameras' directions.
@@ -61,5 +58,5 @@ def _strided(around: NDArray[np.int64], stride: int) -> NDArray[np.int64]:
 
 
 def _cost(likeness: Floats, order: NDArray[np.int64]) -> float:
-    lags = range(1, min(RECENT_ROUNDS, len(order) - 1) + 1)
+    lags = range(1, len(order))
     return float(sum(likeness[order, np.roll(order, lag)].mean() / 3 ** (lag - 1) for lag in lags))
