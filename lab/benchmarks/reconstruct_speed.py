@@ -9,8 +9,10 @@ Prints their seconds, the ratio of the whole to each network, what the whole tak
 processor, and its peak memory.
 
 With `--memory` each step of it runs in a process of its own on two made-up scenes of four cameras
-and three people, one longer than the other. Prints the megabytes of each, how many kilobytes a slot
-more takes, and the megabytes that an hour of 30 slots per second then takes.
+and three people, one longer than the other. Prints the megabytes of memory of each, how many
+kilobytes a slot more takes, in memory, in temporary files (the most at a time, of one process and
+of all) and in the files that the step leaves, and the megabytes of memory that an hour of 30 slots
+per second then takes.
 """
 
 from __future__ import annotations
@@ -22,10 +24,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import psutil
+from numpy.typing import NDArray
 
 from e3pose.recording import Recording, load_recording, save_recording
 from e3pose.recording.record import ViewSeries
@@ -51,6 +57,8 @@ print(spent_s, frames)
 
 
 HOUR = 108_000  # slots, 30 per second
+KINDS = ("memory", "temporary", "all_temporary", "left")
+LOOK_S = 0.2  # between two looks at what a process has open
 STEPS = {  # of `reconstruct`; @ is the folder of the recording
     "detect": "detect a=@F.mp4 b=@F.mp4 c=@F.mp4 d=@F.mp4 @found --model drawn_people:Three",
     "poses": "replay @R --cameras all --smooth rts --hold-out each --poses @p.parquet "
@@ -109,24 +117,53 @@ def memory(few: str = "4000", many: str = "12000", *names: str) -> None:
         for name, step in STEPS.items():
             if names and name not in names:
                 continue
-            mb = [_e3pose(step.replace("@", f"{each}/").split(), each) for each in folders]
-            slope = (mb[1] - mb[0]) / more
-            said = {"step": name, "mb": [*map(round, mb)], "kb_a_slot": round(1e3 * slope, 1)}
-            hour = round(mb[1] + slope * (HOUR - int(many)))
-            print(json.dumps({**said, "mb_of_an_hour": hour}), flush=True)
+            took = [_e3pose(step.replace("@", f"{each}/").split(), each) for each in folders]
+            slopes = (took[1] - took[0]) / more
+            kb = dict(zip(KINDS, (round(1e3 * slope, 1) for slope in slopes), strict=True))
+            said = {"mb": [round(each[0]) for each in took], "kb_a_slot": kb}
+            hour = round(took[1][0] + slopes[0] * (HOUR - int(many)))
+            print(json.dumps({"step": name, **said, "mb_of_an_hour": hour}), flush=True)
 
 
-def _e3pose(words: list[str], path: Path | None = None) -> float:
-    """Run a command; return its peak memory in megabytes."""
+def _e3pose(words: list[str], path: Path | None = None) -> NDArray[np.float64]:
+    """Run a command in a folder.
+
+    Returns:
+        Megabytes: its peak memory; the most of its temporary files, of one process and of all; and
+        of the files that it left.
+    """
+    before = _megabytes(path.rglob("*")) if path else 0.0
     begun = subprocess.Popen(
         [sys.executable, "-m", "e3pose", *words],
         stdout=subprocess.DEVNULL,
         env={**os.environ, "PYTHONPATH": str(path or "")},
     )
-    _, status, used = os.wait4(begun.pid, 0)
-    if status:
-        raise SystemExit(f"e3pose {' '.join(words)}: code {os.waitstatus_to_exitcode(status)}")
-    return used.ru_maxrss / 1e3
+    most = np.zeros(2)
+    while not (ended := os.wait4(begun.pid, os.WNOHANG))[0]:
+        with suppress(psutil.Error, OSError):
+            process = psutil.Process(begun.pid)
+            held = [_temporary(each.pid) for each in (process, *process.children(recursive=True))]
+            most = np.maximum(most, (max(held), sum(held)))
+        time.sleep(LOOK_S)
+    if ended[1]:
+        raise SystemExit(f"e3pose {' '.join(words)}: code {os.waitstatus_to_exitcode(ended[1])}")
+    left = _megabytes(path.rglob("*")) if path else 0.0
+    return np.array([ended[2].ru_maxrss / 1e3, *most, left - before])
+
+
+def _temporary(pid: int) -> float:
+    """Return the megabytes of the files without a name that a process has open."""
+    total = 0
+    for name in os.listdir(f"/proc/{pid}/fd"):
+        with suppress(OSError):  # closed meanwhile
+            place = os.readlink(f"/proc/{pid}/fd/{name}")
+            if place.startswith(tempfile.gettempdir()) and place.endswith("(deleted)"):
+                total += os.stat(f"/proc/{pid}/fd/{name}").st_size
+    return total / 1e6
+
+
+def _megabytes(files: Iterable[Path]) -> float:
+    return sum(file.stat().st_size for file in files if file.is_file()) / 1e6
 
 
 def main(calibration: str, *films: str) -> None:
