@@ -22,10 +22,8 @@ from websockets.sync.client import connect as connect_socket
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = (
-    "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--hide-scrollbars",
-    "--no-first-run", "--disable-extensions", "--disable-dev-shm-usage",
-    "--remote-debugging-port=0",
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run",
+    "--disable-extensions", "--disable-dev-shm-usage", "--remote-debugging-port=0",
 )  # fmt: skip
 AXE = Path(__file__).parent / "axe" / "axe.min.js"
 SIZES = {"screen": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
