@@ -32,8 +32,8 @@ SIZE = "48m"  # the store sets 32 MiB aside
 
 
 def fill(path: Path) -> None:
-    """Leave no byte free."""
-    with path.open("wb", buffering=0) as file:
+    """Leave no byte free; what was written before stays."""
+    with path.open("ab", buffering=0) as file:
         for size in (2**20, 4096, 1):
             try:
                 while True:

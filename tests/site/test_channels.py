@@ -7,15 +7,17 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
 from tests.edge.one_process import Site, scene, site_at_work
 from tests.live.processes import as_root
-from tests.live.test_full_disk import fill
+from tests.live.test_full_disk import SIZE, fill
 from tests.waiting import eventually
 
 from e3pose.edge import recorder as recording
+from e3pose.edge.checkpoint import load_checkpoint
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.events import EventLog
 from e3pose.edge.recorder import Recorder, RecorderSettings
@@ -160,7 +162,7 @@ def disk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("disk")
     with ExitStack() as stack:
         try:
-            as_root("mount", "-t", "tmpfs", "-o", "size=48m", "tmpfs", str(folder))
+            as_root("mount", "-t", "tmpfs", "-o", f"size={SIZE}", "tmpfs", str(folder))
             stack.callback(as_root, "umount", "-l", str(folder))
         except pytest.skip.Exception:
             pass
@@ -190,31 +192,31 @@ def site(disk: Path) -> Iterator[Site]:
 
 
 @contextmanager
-def limit(_: Path) -> Iterator[None]:
+def limit(_: Path) -> Iterator[Callable[[], object]]:
     """Let no file of this process grow, as `RLIMIT_FSIZE` does."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
     try:
-        yield
+        yield lambda: None
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @contextmanager
-def full_disk(disk: Path) -> Iterator[None]:
-    """Leave no byte free."""
+def full_disk(disk: Path) -> Iterator[Callable[[], object]]:
+    """Leave no byte free; yield what takes room that was given back."""
     if not disk.is_mount():
         pytest.skip("no disk of its own here: it needs root")
     fill(disk / "filler")
     try:
-        yield
+        yield partial(fill, disk / "filler")
     finally:
         (disk / "filler").unlink()
 
 
 @pytest.mark.parametrize("fault", [limit, full_disk])
 def test_site_goes_on_where_no_file_takes_anything(
-    fault: Callable[[Path], AbstractContextManager[None]], site: Site, disk: Path
+    fault: Callable[[Path], AbstractContextManager[Callable[[], object]]], site: Site, disk: Path
 ) -> None:
     def said(since: int = len(site.events)) -> Counter[str]:
         kinds = [event.kind for event in site.events[since:]]
@@ -222,11 +224,15 @@ def test_site_goes_on_where_no_file_takes_anything(
 
     troubles = {"store-full", "checkpoint", "record-trouble"}
     lost, first = site.edge.status().slots_lost, site.poses[-1].slot
-    with fault(disk):
+    with fault(disk) as again:
+        assert eventually(lambda: "checkpoint" in said() or again()), said()
         assert eventually(lambda: troubles <= set(said())), (said(), site.events[-9:])
+        kept = (disk / "state.npz").read_bytes()
         count = len(site.poses)
         assert eventually(lambda: len(site.poses) > count + 50)
         assert all(said()[kind] == 1 for kind in troubles), said()  # once, not once a second
+        assert (disk / "state.npz").read_bytes() == kept
+        assert load_checkpoint(disk / "state.npz", site.edge.pipeline).state.slot > 0
     back = {"store-recovered", "record-recovered"}
     assert eventually(lambda: back <= set(said()) and said()["checkpoint"] == 2), said()
     last = site.poses[-1].slot

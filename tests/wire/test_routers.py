@@ -22,7 +22,6 @@ pytestmark = pytest.mark.slow
 
 HOUSE = (Path(__file__).parents[2] / "examples" / "house.json5").read_text()
 NOW = datetime.datetime.now(datetime.timezone.utc)
-SILENCE_S = 0.4
 
 
 @pytest.fixture
