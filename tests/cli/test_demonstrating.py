@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from tests.cli.commands import refused, run
 from tests.site.left_by_site import status_of
 from tests.waiting import commands_below
 
-from e3pose.base.errors import InputError
+from e3pose.base.errors import Exit, InputError
 from e3pose.camera.source import open_video
 from e3pose.cli import demonstrating
 from e3pose.detectors.timing import DetectionTimes
@@ -169,6 +170,8 @@ def test_program_that_ends_by_itself_ends_the_demo_with_its_last_words(
     monkeypatch.setattr("e3pose.site.detector_speed.time_detections", measured)
     assert run("demo", tmp_path / "demo") == 2
     assert capsys.readouterr().err.endswith("e3pose: cam0: the lens fell off\n")
+    monkeypatch.setattr(demonstrating, "run_shown", lambda *_: signal.raise_signal(signal.SIGTERM))
+    assert run("demo", tmp_path / "demo") == Exit.SIGNAL + signal.SIGTERM
     assert [path.name for path in tmp_path.iterdir()] == [], "nothing is left"
 
 

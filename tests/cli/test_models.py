@@ -3,19 +3,22 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
 from tests.cli.commands import run
 from tests.detectors.test_networks import write_onnx
 from tests.detectors.weights.conftest import site as site
-from tests.detectors.weights.web import CONTENT, Site, sha256
+from tests.detectors.weights.web import CONTENT, Site, files_in, sha256
 
-from e3pose.detectors.weights import MODELS, FromHub, FromUrl
+from e3pose.base.errors import Exit
+from e3pose.detectors.weights import MODELS, FromHub, FromUrl, fetch
 
 WEIGHTS = b"weights"
 MOVENET = MODELS["movenet-multipose"]
@@ -143,6 +146,16 @@ def test_an_address_is_pinned_by_the_first_fetch_and_checked_in_every_process(
     site.pages["/plain.onnx"] = made
     code, said = models("pull", url, "--sha256", sha256(other))
     assert code == 2 and "the file was altered" in said and "plain" not in models("list")[1]
+
+    def cut_off(_: object, file: IO[bytes], *more: object) -> None:
+        file.write(b"half")
+        signal.raise_signal(signal.SIGTERM)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fetch, "save_verified", cut_off)
+        before = files_in(cache)
+        assert models("pull", url)[0] == Exit.SIGNAL + signal.SIGTERM
+        assert files_in(cache) == before
     code, said = models("pull", url, "--sha256", sha256(made))
     assert code == 0 and f"plain: licence not stated, sha256 {sha256(made)}" in said
     code, said = models("pull", url, "--sha256", sha256(other))

@@ -45,6 +45,7 @@ def test_knock_is_reported_the_right_camera_and_nothing_before(calm: Recording) 
     assert [(kind, camera) for _, kind, camera in found] == [("camera-moved", "cam1")]
     assert FROM_S < found[0][0] < FROM_S + 35
     assert watch.found is not None and 0.8 < watch.found.degrees < 2.3
+    assert watch_run(calm)[0] == []
 
 
 def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:

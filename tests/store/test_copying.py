@@ -118,3 +118,15 @@ def test_command_says_what_it_wrote(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert run_cli("store", "copy", str(tmp_path / "none.db"), str(tmp_path / "x.db")) == 2
     assert not (tmp_path / "x.db").exists()
     assert all(len(line) > 0 for line in capsys.readouterr().err.strip().splitlines())
+
+
+@pytest.mark.nightly  # two databases more
+def test_tools_of_postgresql_back_up_and_restore(postgres: Server, tmp_path: Path) -> None:
+    """As the guide says, into another database."""
+    source, back = (postgres.new_database() for _ in range(2))
+    fill(source)
+    dump = tmp_path / "lab.dump"
+    done = postgres.run("pg_dump", "--format=custom", source)
+    dump.write_bytes(done.stdout)
+    postgres.run("pg_restore", "--dbname", back, str(dump))
+    assert rows(back) == rows(source)

@@ -47,6 +47,13 @@ def test_hostile_tables_and_videos_end_in_one_line(monkeypatch: pytest.MonkeyPat
     assert not "\n".join(str(trial) for trial in trials if not trial.held)
     assert {trial.code for trial in trials} == {0, 2}
 
+    def broken(path: object) -> str:
+        raise OverflowError("cannot convert float infinity to integer")
+
+    monkeypatch.setattr(hostile_videos, "played", broken)
+    result = attack_inputs.hostile_files(seconds=0.0, seed=3, kinds=("videos",))
+    assert not result.held and "OverflowError: cannot convert" in result.figures
+
 
 def test_every_row_says_what_was_tried_what_must_be_and_what_was(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -146,6 +146,10 @@ def test_the_fewest_cameras_that_meet_the_target() -> None:
     for needed in range(6):
         policy = Information(3, target_error_m=errors[needed] * 1.001)
         assert policy.select(situation(seen)).sum() == needed
+    # The lower the rate, the less is known of the next slot, and the more cameras are needed.
+    rates = (situation(foresight([300.0] * 6, sigma_m)) for sigma_m in (0.02, 0.04, 0.08, 0.3))
+    counts = [int(Information(3, target_error_m=0.04).select(at).sum()) for at in rates]
+    assert counts == sorted(counts) and counts[0] == 0 and counts[-1] > counts[1]
     # Beyond reach: as many as still help, and these help all alike.
     assert Information(3, target_error_m=0.001).select(situation(seen)).sum() == 5
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tests.events.bodies import doing, seen
 from tests.site.streams.broker import broker, listening
-from tests.site.streams.test_streams import EVENT, FELL, TIME_NS, WATCH, slot
+from tests.site.streams.test_streams import EVENT, FELL, OF_AN_EVENT, TIME_NS, WATCH, slot
 
 from e3pose.events.rules import RULES
 from e3pose.events.watch import advance, begin_watch
@@ -175,14 +175,22 @@ def until(heard: queue.Queue[tuple[str, str]], topic: str) -> list[tuple[str, st
     return found
 
 
-def test_a_client_of_the_broker_changes_nothing_and_cannot_hurry_it() -> None:
+def test_a_client_of_the_broker_learns_no_pose_and_changes_nothing() -> None:
     with broker() as port, listening(port) as (client, heard):
-        stream = open_stream(
-            f"homeassistant://127.0.0.1:{port}", replace(SOURCE, cameras=("cam0",))
-        )
+        home = replace(SOURCE, cameras=("cam0",), kinds=("fall",))
+        stream = open_stream(f"homeassistant://127.0.0.1:{port}", home)
         assert isinstance(stream, TellsPeople)
+        stream.slot(slot(7))
+        stream.zone(EVENT)
         stream.people(WATCH, [FELL])
         first = until(heard, "e3pose/lab/home/alarm")
+        learnt = {topic.removeprefix("e3pose/lab/home/"): text for topic, text in first}
+        told = {"online", "state", "alarm", "told", "trigger/fall"}  # and of no pose
+        assert set(learnt) == told | {"homeassistant/device/e3pose_lab/config"}
+        assert set(json.loads(learnt["told"])) == OF_AN_EVENT
+        state = json.loads(learnt["state"])
+        assert set(state) == {"people", "states", "zones", "cameras"}
+        assert all(isinstance(count, int) for count in state["states"].values())
         for said in (b"online", b"\xff\x00" * 1000, b"offline", b"online"):
             for _ in range(50):
                 client.publish(BIRTH, said, qos=1)
