@@ -68,7 +68,7 @@ def maker(
 
 
 def making(found: Any) -> Callable[..., Any]:
-    """Return the factory of a member, from the module that its name stands for; see `maker`."""
+    """Return the factory of a member, from the object that its name stands for; see `maker`."""
     if isinstance(found, type):
         return lambda *_: found()
     if inspect.isroutine(found) or isinstance(found, partial):

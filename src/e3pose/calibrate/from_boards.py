@@ -95,7 +95,7 @@ def edges_from_boards(boards: Floats) -> dict[tuple[int, int], Edge]:
 
 
 def robust_mean(relative: Floats) -> Edge:
-    """Return the mean of the largest set of `(n, 4, 4)` transforms that agree."""
+    """Return the mean of `(n, 4, 4)` transforms that agree with the one most agree with."""
     number = len(relative)
     first, second = np.repeat(np.arange(number), number), np.tile(np.arange(number), number)
     rotations, shifts = relative[:, :3, :3], relative[:, :3, 3]

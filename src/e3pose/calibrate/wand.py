@@ -187,7 +187,7 @@ def _along(wand: Wand, points: Floats) -> Floats:
 
 
 def _checked(wand: Wand, shares: Floats) -> tuple[float, float]:
-    """Return lengths in metres and their spread as a share; raise `InputError` for other values."""
+    """Return a unit's metres and the lengths' spread as a share; refuse another wand."""
     names = [f"{wand.markers[a]} to {wand.markers[b]}" for a, b in wand.pairs]
     middle = np.nanmedian(shares, axis=0)
     spread = 1.4826 * np.nanmedian(np.abs(shares / middle - 1), axis=0)

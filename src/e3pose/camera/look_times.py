@@ -46,6 +46,6 @@ class LookTimes:
 
 
 def taken(times: Mapping[str, LookTimes]) -> dict[str, ProcessorTime]:
-    """Return the look times of cameras with enough looks."""
+    """Return the processor times of cameras with enough looks."""
     found = {camera_id: each.found() for camera_id, each in times.items()}
     return {camera_id: took for camera_id, took in found.items() if took is not None}

@@ -41,7 +41,7 @@ MOST_SECONDS = 3600.0
 @Parameter(name="*", group=Group("Videos and points", sort_key=1))
 @dataclass(frozen=True, kw_only=True)
 class FilmOptions:
-    """The subject of videos or points."""
+    """Options for videos and points: what they show, and their times."""
 
     board: str = DEFAULT_BOARD
     """Board name, as printed on it, with the measured side of a square."""

@@ -99,7 +99,7 @@ def _say(line: str) -> None:
 
 
 def _live(source: Path, keys: Path | None) -> tuple[str, EventsTable, Watch, Iterator[Look]]:
-    """Return the first lines to print, settings, and the slots of a running site."""
+    """Return the first line to print, settings, and the slots of a running site."""
     from e3pose.wire.network import open_network
 
     site = resolve_site(source)

@@ -31,7 +31,7 @@ class FaultOptions:
     def day(
         self, recording: Recording, watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     ) -> Faults:
-        """Return the faults of a day; raise `InputError` for impossible ones.
+        """Return the injected faults; raise `InputError` for impossible ones.
 
         Args:
             recording: as `downsampled` returns it.

@@ -87,7 +87,7 @@ def saving(spent: ArrayLike, always: ArrayLike, measured: bool) -> Saving | None
 def charged(
     selected: Flags, charged_j: Floats, active_j: Floats, counts: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Return the charges of cameras for slots, and their charges had all been active in all.
+    """Return the charges of cameras for slots, and for being active in all of them.
 
     An active slot costs a camera the mean of its dearest ones in which it was selected, those
     within a tenth of the dearest: so a cost that was learned counts, and a look that its motion

@@ -192,7 +192,7 @@ class Distortion:
 
 
 def _through(homography: Floats, points: Floats) -> Floats:
-    """Return points `(*batch, 2)` through a homography; NaN behind it."""
+    """Return points `(*batch, 2)` through a homography; NaN for those behind the camera."""
     moved = points @ homography[:, :2].T + homography[:, 2]
     return np.asarray(moved[..., :2] / np.where(moved[..., 2:] > 0, moved[..., 2:], np.nan))
 

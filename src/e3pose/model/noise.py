@@ -21,7 +21,7 @@ DIGITS, ROUNDING = 12, 1e-9  # of shares: decimal ones stay decimal
 
 @dataclass(frozen=True, slots=True)
 class ErrorMemory:
-    """The duration of a detector's errors.
+    """How much of a detector's errors lasts, and how long.
 
     The error of a joint in a view is a sum of three parts: one that is new in every slot, one that
     decays quickly and one that lasts seconds. The two that last are first-order autoregressive.

@@ -39,11 +39,11 @@ from e3pose.select.policies.information import NO_BETTER
 # What it costs and how soon it says something; no site has run long enough to try other values. The
 # judge of each are drawn errors of known rise (0, 5, 15 and 30 %), 8 h: points of the time in which
 # it is wrong, of 0, 4.9, 1.8 and 1.8 %.
-# tuned: s | by reasoning, tried on no recording | half: 0.9 to 4.9 points less; twice: 8 more at
-#   15 %
+# tuned: s | by reasoning, tried on no recording | half: 0.9 to 4.9 points less; twice: 4.9
+#   less at 5, 8 and 1.8 more at 15 and 30 %
 STRETCH_S = 8.0
-# tuned: stretches | by reasoning, tried on no recording | half: 0.8 to 4.5 points less; twice: 2
-#   more at 15 and 30 %
+# tuned: stretches | by reasoning, tried on no recording | half: 0.8 to 4.5 points less; twice: 4.9
+#   less at 5, 2 more at 15 and 30 %
 STRETCHES = 16  # in a round: a sixteenth of the time everybody is awake
 # tuned: s | by reasoning, tried on no recording | half: the same; twice: 0.6 points more at 5 %
 SETTLE_S = 2.0  # of a stretch, in which its people are still those of the one before

@@ -123,7 +123,7 @@ def make_pipeline(
 
 
 def _rests(place: Place, settings: LoopSettings) -> RestPlanner | None:
-    """Return the policy of rests, if any camera may sleep."""
+    """Return the planner of rests, if any camera may sleep."""
     costs = _rest_costs(place, settings)
     if costs is None:
         return None
@@ -144,7 +144,7 @@ def _rest_costs(place: Place, settings: LoopSettings) -> RestCosts | None:
 
 
 def least_watts(place: Place, settings: LoopSettings) -> float | None:
-    """Return the power of all cameras at rest where `watts` is less; None where it is not."""
+    """Return the power of all cameras at rest where `watts` is no more; None where it is."""
     costs = None if settings.watts is None else _rest_costs(place, settings)
     if settings.watts is None or costs is None or settings.watts > costs.rest_w.sum():
         return None
@@ -152,7 +152,7 @@ def least_watts(place: Place, settings: LoopSettings) -> float | None:
 
 
 def watts_warning(place: Place, settings: LoopSettings) -> str:
-    """Return a warning where cameras draw more than `watts` even asleep; else empty."""
+    """Return a warning where cameras draw `watts` or more even asleep; else empty."""
     least_w = least_watts(place, settings)
     if least_w is None:
         return ""
@@ -184,7 +184,7 @@ def make_policy(
 
 
 def row_of(settings: LoopSettings) -> PolicyRow:
-    """Look up the requirements of a policy; an object is used as it is."""
+    """Look up the row of a policy: factory, needs, promises; an object is used as it is."""
     policy = settings.policy
     if policy is not None and not isinstance(policy, str):
         return PolicyRow.of(policy)

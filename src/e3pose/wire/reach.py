@@ -26,7 +26,7 @@ PAUSE_S = 0.1  # between two questions
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """The steps of a connection that a camera completes.
+    """The result of an attempt to reach the edge as a camera does.
 
     Attributes:
         outcome: `answered`, or what stops it: its host is `unknown`, nothing listens (`refused`),

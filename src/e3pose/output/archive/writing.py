@@ -68,7 +68,7 @@ def archive_store(
     say: Say = lambda line: None,
     new: bool = False,
 ) -> Written:
-    """Archive closed files that the archive lacks; a pass that was killed goes on the next time.
+    """Archive closed hours that the archive lacks; a killed pass goes on the next time.
 
     Args:
         store: path or URL; it may be written meanwhile.

@@ -41,12 +41,12 @@ ENTRANT_NATS = 1.0  # of a person started
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
 MAX_PAUSE_S = 0.2  # timeout: with a target, some camera looks at least this often, whoever is known
 # tuned: s | not recorded | by the truth of three scenes, 30 mm on budgets of 0.1 and 0.2, half: as
-#   much as 50 % more error; twice: as much as 47 % less, with up to 39 % more cameras
+#   much as 50 % more error with a fifth fewer cameras; twice: as much as 47 % less with 39 % more
 BURST_S = 2.0  # with a target or by turns, how far ahead of its budget a camera may run
 # tuned: nats s | pizza and eight scenes, seeds 701 to 704, docs/research/camera-selection.md | 0:
 #   pizza at 12.5 per second +0.4 +- 0.2 %, held out, `round-table` +0.9 +- 0.4
 LEAST_NATS_S = 0.008  # more than the cameras whose turn it is, as long as a slot lasts
-# tuned: nats | not recorded | by held-out cameras and the truth half, twice and next to none: 2 %
+# tuned: nats | not recorded | by held-out cameras and the truth half, twice and next to none: 3 %
 #   more to 5 % less error, as with other phases
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
 # tuned: share | not recorded | by the truth half: 4 to 5 % more cameras, no nearer; twice: 5 to 9 %

@@ -196,7 +196,7 @@ def _stored(site: ResolvedSite) -> Iterator[Doubt]:
 
 
 def _recorded(site: ResolvedSite) -> Iterator[Doubt]:
-    """Compare the recordings that cameras play with those that the site kept."""
+    """Compare played recordings, and those that the site kept, with its calibration."""
     sources = (each.source or "" for each in site.cameras.values())
     paths = [Path(place_of(source) or "") for source in sources if is_recorded(source)]
     kept = kept_recordings(site.file.record.path)[:MOST_RECORDINGS]
