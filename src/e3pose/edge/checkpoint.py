@@ -13,7 +13,6 @@ import struct
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -163,25 +162,17 @@ def forget_people(path: Path, pipeline: Pipeline) -> None:
 
 def flatten(value: Any, name: str = "state") -> Arrays:
     """Return the arrays and numbers of nested records, by the names of their fields."""
-    kind: Any = type(value)
-    if isinstance(value, tuple):
+    if is_dataclass(value):
+        parts = [(item.name, getattr(value, item.name)) for item in fields(value)]
+    elif isinstance(value, tuple):
         parts = [(str(index), item) for index, item in enumerate(value)]
-    elif (names := _kept(kind)) is not None:
-        parts = [(part, getattr(value, part)) for part in names]
     else:
         return {} if value is None else {name: np.asarray(value)}
     found: Arrays = {}
     for part, item in parts:
-        found.update(flatten(item, f"{name}.{part}"))
+        if part not in FORGOTTEN:
+            found.update(flatten(item, f"{name}.{part}"))
     return found
-
-
-@cache
-def _kept(kind: Any) -> tuple[str, ...] | None:
-    """Return the names of the fields of a kind of record that are kept; None of other kinds."""
-    if not is_dataclass(kind):
-        return None
-    return tuple(item.name for item in fields(kind) if item.name not in FORGOTTEN)
 
 
 def rebuild(

@@ -202,7 +202,9 @@ class EnergyLedger:
             spent_j = np.where(selected & unchanged, np.minimum(gated_j, spent_j), spent_j)
         spent_j = np.where(selected, spent_j, np.fmin(spent_j, resting_j))  # NaN: awake
         if not blind:
-            sums_j = spent_j.sum(), estimate.active_j.sum(), spent_j[estimate.measured].sum()
+            always_j = sum(slot.active_j for slot in estimate.slots)
+            learned = np.array([slot.measured for slot in estimate.slots])
+            sums_j = spent_j.sum(), always_j, spent_j[learned].sum()
             self._sums_j = self._sums_j + sums_j  # replaced whole: another thread reads it
         return spent_j
 

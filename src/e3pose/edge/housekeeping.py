@@ -137,24 +137,18 @@ def watch_for_stall(
 
 
 def _progress(before: Progress, camera: CameraSigns, slots: int, now_ns: int) -> Progress:
-    was = before.signs
-    if not camera.fresh or camera.session != was.session:
+    signs = before.signs
+    if not camera.fresh or camera.session != signs.session:
         return Progress(camera, now_ns, slots, now_ns)
-    ordered, viewed = camera.orders > was.orders, camera.views > was.views
-    views_ns = now_ns if viewed else before.views_ns
-    settled = now_ns - views_ns >= SETTLED_S * 1e9
-    signs = CameraSigns(
-        was.present,
-        was.heard_ns,
-        True,
-        was.session,
-        camera.orders if ordered else was.orders,
-        was.sent if settled else camera.sent,
-        camera.views if viewed else was.views,
-        camera.due if viewed else was.due,
-    )
-    orders_ns, given = (now_ns, slots) if ordered else (before.orders_ns, before.slots)
-    return Progress(signs, orders_ns, given, views_ns)
+    if camera.orders > signs.orders:
+        signs = replace(signs, orders=camera.orders)
+        before = replace(before, orders_ns=now_ns, slots=slots)
+    if camera.views > signs.views:
+        signs = replace(signs, views=camera.views, due=camera.due)
+        before = replace(before, views_ns=now_ns)
+    if now_ns - before.views_ns < SETTLED_S * 1e9:
+        signs = replace(signs, sent=camera.sent)
+    return replace(before, signs=replace(signs, fresh=True))
 
 
 def _stall(

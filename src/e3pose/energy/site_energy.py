@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -261,9 +261,6 @@ class EnergyEstimate:
         num_selected: mean cameras per slot: the number requested, or fewer if the budgets do not
             pay for it.
         starved: `(num_cameras,)` whether the budget does not even pay for idle slots.
-        active_j: `(num_cameras,)` of `slots`, like the two that follow.
-        idle_j: `(num_cameras,)`.
-        measured: `(num_cameras,)`.
     """
 
     budget: Floats
@@ -271,17 +268,12 @@ class EnergyEstimate:
     slots: tuple[SlotCost, ...]
     num_selected: float
     starved: NDArray[np.bool_]
-    active_j: Floats = field(init=False)
-    idle_j: Floats = field(init=False)
-    measured: NDArray[np.bool_] = field(init=False)
-
-    def __post_init__(self) -> None:
-        for name in ("active_j", "idle_j", "measured"):
-            object.__setattr__(self, name, np.array([getattr(slot, name) for slot in self.slots]))
 
     def spent_j(self, selected: NDArray[np.bool_]) -> Floats:
         """Return `(num_cameras,)` joules that a slot with this selection is charged with."""
-        return np.where(selected, self.active_j, self.idle_j)
+        active = np.array([slot.active_j for slot in self.slots])
+        idle = np.array([slot.idle_j for slot in self.slots])
+        return np.where(selected, active, idle)
 
 
 def new_camera(
