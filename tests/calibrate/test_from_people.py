@@ -15,6 +15,7 @@ from tests.calibrate.people_scenes import (
     walk,
     without_calibration,
 )
+from tests.cases import each_case
 
 from e3pose.base.errors import InputError
 from e3pose.calibrate import from_people as from_people_module
@@ -36,8 +37,10 @@ from e3pose.calibrate.matched_people import Joints, observe_people
 from e3pose.calibrate.people_places import _check_far, _too_wild, from_people, place_one
 from e3pose.calibrate.places import KnownLength
 from e3pose.calibrate.recordings import first_seconds, last_seconds
+from e3pose.calibrate.resection import PlacedPerson, resect
+from e3pose.calibrate.same_people import Seen
 from e3pose.calibrate.synchronise import synchronise, with_offsets
-from e3pose.calibrate.tracklets import find_tracklets
+from e3pose.calibrate.tracklets import Tracklet, find_tracklets
 from e3pose.model.camera import Rig
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.rotations import angles_between
@@ -258,3 +261,14 @@ def test_last_seconds_are_the_end(calm: Recording) -> None:
     assert np.array_equal(
         end.views[0].keypoints_px[-1], calm.views[0].keypoints_px[-1], equal_nan=True
     )
+
+
+@each_case("inliers", [6, 19, 60])
+def test_few_joints_among_wild_ones_place_no_camera(inliers: int) -> None:
+    rng, slots = np.random.default_rng(3), np.arange(60)
+    joints = rng.uniform((-1, -1, 3), (1, 1, 6), (60, 1, 3))
+    ideal = joints[..., :2] / joints[..., 2:] + rng.normal(0, 0.002, (60, 1, 2))
+    ideal[inliers:] = rng.uniform(-0.4, 0.4, (60 - inliers, 1, 2))
+    seen = Seen([Tracklet(0, slots, slots)], [ideal], [np.full((60, 1), 0.003)])
+    found = resect(seen, 0, [PlacedPerson(slots, joints)])
+    assert (found is not None) == (inliers == 60)
