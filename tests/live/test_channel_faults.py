@@ -7,6 +7,7 @@ import resource
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -23,6 +24,8 @@ from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.base.errors import Exit
+from e3pose.recording import load_recording
+from e3pose.site.example import write_recorded
 from e3pose.wire.keys.folder import add_keys
 
 STATE, STORE = "cannot save the state", "poses.db"
@@ -227,3 +230,27 @@ def camera_file(house: House, camera_id: str) -> Path:
         f'keys = "keys/cameras/{camera_id}"\n'
     )
     return path
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("verb", ["record", "up", "setup"])
+def test_what_runs_a_site_of_its_own(
+    verb: str, fault: str, tmp_path: Path, recording: Path
+) -> None:
+    path = write_recorded(tmp_path / "site", load_recording(recording), "lab")
+    port = free_port()
+    words = {
+        "record": ("record", str(path), str(tmp_path / "walk"), "--for", "3"),
+        "up": ("up", str(path), "--for", "5"),
+        "setup": ("setup", str(tmp_path / "site"), "--listen", f"127.0.0.1:{port}", "--no-browser"),
+    }[verb]
+    with subprocess.Popen(e3pose(*words), cwd=tmp_path, **FAULTS[fault]()) as program:
+        if verb == "setup":
+            assert eventually(answers(port), 60)
+            program.send_signal(signal.SIGTERM)
+        begun_s = time.monotonic()
+        code = program.wait(COMPILE_S)
+        assert time.monotonic() - begun_s < COMPILE_S
+    full = fault == "shut" and verb == "record"
+    assert code == (Exit.FAULT if full else Exit.DONE)
