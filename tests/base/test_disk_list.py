@@ -37,7 +37,7 @@ def test_items_come_back_from_the_file_both_ways(count: int) -> None:
 def test_few_items_are_in_memory_however_many_there_are() -> None:
     kept = DiskList(Item(number) for number in range(6 * BLOCK))
     assert sum(item.number for item in kept) == 3 * BLOCK * (6 * BLOCK - 1)
-    assert sum(isinstance(each, Item) for each in gc.get_objects()) <= 2 * BLOCK
+    assert sum(type(each) is Item for each in gc.get_objects()) <= 2 * BLOCK
 
 
 def test_a_full_disk_is_named_once_and_nothing_is_lost(

@@ -269,7 +269,7 @@ def camera_that_does_not_keep_its_certificate(door: Door) -> None:
     door.shut()
     assert "the other side ended the connection" in door.joining.said
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("e3pose.site.joining.TRY_S", 0.5)
+        patch.setattr("e3pose.site.joining.TRY_S", 3.0)  # a try, on a busy machine too
         code = door.code()
         with pytest.raises(InputError, match="did not hear that the keys were kept"):
             ask_to_join(door.address, code, "cam2", make_key()[1], lambda _: door.shut())
