@@ -83,7 +83,7 @@ class Kernel:
 
 
 def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Declare a kernel: free of the interpreter lock, division as in numpy."""
+    """Declare a kernel, called by position: free of the interpreter lock, division as in numpy."""
     COMPILING.expect(function)
     return cast("Callable[Parameters, Result]", Kernel(function))
 

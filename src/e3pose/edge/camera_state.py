@@ -499,7 +499,7 @@ class Turn:
         views_late: whether a view of each came too late since the slot before.
         orders_late: whether late orders excuse each for bringing no view.
         online: whether each can be reached.
-        arrived: whether the view of each came in time.
+        arrived: whether the view of each came in time; like `online` not made by `changed`.
     """
 
     states: Integers
