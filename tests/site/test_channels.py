@@ -222,7 +222,11 @@ def test_site_goes_on_where_no_file_takes_anything(
         kinds = [event.kind for event in site.events[since:]]
         return Counter("store-full" if kind == "store-trouble" else kind for kind in kinds)
 
+    def saved() -> int:
+        return load_checkpoint(disk / "state.npz", site.edge.pipeline).state.slot
+
     troubles = {"store-full", "checkpoint", "record-trouble"}
+    assert eventually(lambda: (disk / "state.npz").exists() and saved() > 0)
     lost, first = site.edge.status().slots_lost, site.poses[-1].slot
     with fault(disk) as again:
         assert eventually(lambda: "checkpoint" in said() or again()), said()
@@ -232,7 +236,7 @@ def test_site_goes_on_where_no_file_takes_anything(
         assert eventually(lambda: len(site.poses) > count + 50)
         assert all(said()[kind] == 1 for kind in troubles), said()  # once, not once a second
         assert (disk / "state.npz").read_bytes() == kept
-        assert load_checkpoint(disk / "state.npz", site.edge.pipeline).state.slot > 0
+        assert saved() > 0
     back = {"store-recovered", "record-recovered"}
     assert eventually(lambda: back <= set(said()) and said()["checkpoint"] == 2), said()
     last = site.poses[-1].slot
