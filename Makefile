@@ -11,6 +11,8 @@ ifneq ($(wildcard ../shared/data),)
 export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Python compiles each module where it is first imported: pip would take a minute for all of them.
+INSTALL := -m pip install --quiet --no-compile
 
 .PHONY: help demo test kernels test-computing test-sites test-fast coverage nightly check types docs lint reproduce-quick bench budget claims claims-all mutants soak attack dist release-dry-run lock sbom licences test-all clean
 help:  ## list the targets
@@ -27,13 +29,13 @@ DISTRIBUTIONS := . hub lab
 PROJECTS := $(DISTRIBUTIONS:%=%/pyproject.toml)
 EDITABLE := $(DISTRIBUTIONS:%=--editable %)
 $(VENV)/.all: $(PROJECTS) | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[all,hub,lab]' $(EDITABLE)
+	$(BIN)/python $(INSTALL) --editable '.[all,hub,lab]' $(EDITABLE)
 	@touch $@
 
 # Pinned versions with hashes; `make lock` renews them.
 $(VENV)/.dev: $(PROJECTS) requirements/dev.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation $(EDITABLE)
+	$(BIN)/python $(INSTALL) --require-hashes --requirement requirements/dev.txt
+	$(BIN)/python $(INSTALL) --no-deps --no-build-isolation $(EDITABLE)
 	@touch $@ $(VENV)/.all
 
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
