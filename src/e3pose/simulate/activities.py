@@ -480,16 +480,19 @@ def advance(
 ) -> None:
     """Let a short time pass: everybody turns, speeds up or gives way, and moves."""
     walking = group.pace > 0
+    if not walking.any() and not group.velocity.any():
+        _turn(group, walking, group.velocity, interval_s)
+        return
     to_goal = group.goal - group.xy
     distance = np.maximum(np.hypot(to_goal[:, 0], to_goal[:, 1]), 1e-9)
     pace = np.where(group.stops, np.minimum(group.pace, 1.3 * distance + 0.05), group.pace)
     direction = to_goal / distance[:, None]
     error = _turn(group, walking & (distance > 0.15), direction, interval_s)
     # Nobody walks backwards: far off course, people first turn on the spot.
-    pace = np.where(walking, pace * np.clip(1.25 * np.cos(error), 0.0, 1.0), 0.0)
+    pace = np.where(walking, pace * np.minimum(np.maximum(1.25 * np.cos(error), 0.0), 1.0), 0.0)
     acceleration = (direction * pace[:, None] - group.velocity) / RESPONSE_S
     others = _neighbours(group, seats_xy, occluders)
-    acceleration += np.where(walking, 1.0, 0.0)[:, None] * _give_way(group.velocity, *others[:3])
+    acceleration += walking[:, None] * _give_way(group.velocity, *others)
     size = np.maximum(np.hypot(acceleration[:, 0], acceleration[:, 1]), 1e-9)
     acceleration *= np.minimum(1.0, MAX_ACCELERATION_MPS2 / size)[:, None]
     velocity = group.velocity + acceleration * interval_s
@@ -507,11 +510,11 @@ def _turn(group: Group, walking: NDArray[np.bool_], direction: Floats, interval_
     ahead = np.where(moving[:, None], group.velocity, direction)
     wanted = np.arctan2(ahead[:, 1], ahead[:, 0])
     asked = ~walking & np.isfinite(group.facing)
-    wanted = np.where(asked, np.nan_to_num(group.facing), wanted)
+    wanted = np.where(asked, group.facing, wanted)
     error = np.where(walking | asked, _wrapped(wanted - group.heading), 0.0)
-    rate = np.clip(error / TURN_RESPONSE_S, -TURN_RATE, TURN_RATE)
+    rate = np.minimum(np.maximum(error / TURN_RESPONSE_S, -TURN_RATE), TURN_RATE)
     change = TURN_ACCELERATION * interval_s
-    group.turning = group.turning + np.clip(rate - group.turning, -change, change)
+    group.turning = group.turning + np.minimum(np.maximum(rate - group.turning, -change), change)
     group.heading = group.heading + group.turning * interval_s
     course = np.arctan2(direction[:, 1], direction[:, 0]) - group.heading
     return np.where(walking & ~moving, _wrapped(course), 0.0)
@@ -519,48 +522,41 @@ def _turn(group: Group, walking: NDArray[np.bool_], direction: Floats, interval_
 
 def _neighbours(
     group: Group, seats_xy: Floats, occluders: Sequence[Occluder]
-) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Return offsets `(num_people, num_others, 2)`, velocities, clearances and who moves."""
-    number = len(group.xy)
-    offsets = [group.xy[None] - group.xy[:, None]]
-    clearances = [np.full((number, number), 2 * PERSON_RADIUS_M)]
-    np.fill_diagonal(clearances[0], -1.0)
-    if len(seats_xy):
-        offsets.append(seats_xy[None] - group.xy[:, None])
-        clearance = np.full((number, len(seats_xy)), PERSON_RADIUS_M + SEAT_RADIUS_M)
-        people = np.flatnonzero(group.own_seat >= 0)
-        clearance[people, group.own_seat[people]] = -1.0
-        clearances.append(clearance)
-    for occluder in occluders:
-        offsets.append((occluder.nearest(group.xy) - group.xy)[:, None])
-        clearances.append(np.full((number, 1), PERSON_RADIUS_M))
-    offset = np.concatenate(offsets, axis=1)
-    velocity = np.zeros_like(offset)
-    velocity[:, :number] = group.velocity
-    moves = np.zeros(offset.shape[1], dtype=bool)
-    moves[:number] = group.pace > 0
-    return offset, velocity, np.concatenate(clearances, axis=1), moves
+) -> tuple[Floats, Floats, Floats]:
+    """Return offsets `(num_people, num_others, 2)`, velocities `(num_others, 2)` and clearances."""
+    number, fixed = len(group.xy), len(group.xy) + len(seats_xy)
+    offset = np.empty((number, fixed + len(occluders), 2))
+    np.subtract(np.concatenate([group.xy, seats_xy]), group.xy[:, None], out=offset[:, :fixed])
+    for index, occluder in enumerate(occluders, fixed):
+        offset[:, index] = occluder.nearest(group.xy) - group.xy
+    velocity = np.zeros(offset.shape[1:])
+    velocity[:number] = group.velocity
+    clearance = np.full(offset.shape[:2], PERSON_RADIUS_M)
+    clearance[:, :number] = 2 * PERSON_RADIUS_M
+    clearance[:, number:fixed] = PERSON_RADIUS_M + SEAT_RADIUS_M
+    people = np.arange(number)
+    clearance[people, people] = -1.0
+    seated = group.own_seat >= 0
+    clearance[people[seated], number + group.own_seat[seated]] = -1.0
+    return offset, velocity, clearance
 
 
-def _give_way(
-    velocity: Floats,
-    offset: Floats,
-    other: Floats,
-    clearance: Floats,
-) -> Floats:
+def _give_way(velocity: Floats, offset: Floats, other: Floats, clearance: Floats) -> Floats:
     """Return the acceleration `(num_people, 2)` sideways that avoids passing too closely."""
     closing = velocity[:, None] - other
-    rate = (closing**2).sum(axis=-1)
-    when = np.clip((offset * closing).sum(axis=-1) / np.maximum(rate, 1e-6), 0.0, FORESIGHT_S)
+    squared, ahead = closing * closing, offset * closing
+    rate = np.maximum(squared[..., 0] + squared[..., 1], 1e-6)
+    when = np.minimum(np.maximum((ahead[..., 0] + ahead[..., 1]) / rate, 0.0), FORESIGHT_S)
     miss = offset - closing * when[..., None]
     gap = np.hypot(miss[..., 0], miss[..., 1])
-    need = clearance + MARGIN_M
-    urgency = np.where((when > 0) & (clearance > 0), np.clip(1 - gap / need, 0.0, 1.0), 0.0)
+    urgency = np.minimum(np.maximum(1 - gap / (clearance + MARGIN_M), 0.0), 1.0)
+    urgency *= (when > 0) & (clearance > 0)
+    if not urgency.any():
+        return np.zeros_like(velocity)
     urgency *= np.exp(-when / 1.2)
-    # Head-on, both step to their right.
-    right = np.stack([closing[..., 1], -closing[..., 0]], axis=-1)
-    right /= np.sqrt(np.maximum(rate, 1e-6))[..., None]
     away = -miss / np.maximum(gap, 1e-9)[..., None]
+    # Head-on, both step to their right.
+    right = np.stack([closing[..., 1], -closing[..., 0]], axis=-1) / np.sqrt(rate)[..., None]
     away = np.where((gap < 0.05)[..., None], right, away)
     return np.asarray(GIVE_WAY_MPS2 * (away * urgency[..., None]).sum(axis=1))
 
@@ -571,7 +567,6 @@ def _keep_apart(
     offset: Floats,
     other: Floats,
     clearance: Floats,
-    moves: NDArray[np.bool_],
 ) -> Floats:
     """Return velocities without the part that closes in on near things."""
     distance = np.hypot(offset[..., 0], offset[..., 1])
@@ -581,8 +576,8 @@ def _keep_apart(
     velocity = velocity.copy()
     for person, thing in np.argwhere(near):
         towards = offset[person, thing] / max(float(distance[person, thing]), 1e-9)
-        share = 0.5 if moves[thing] else 1.0
-        closing = float((velocity[person] - other[person, thing]) @ towards)
+        share = 0.5 if thing < len(walking) and walking[thing] else 1.0
+        closing = float((velocity[person] - other[thing]) @ towards)
         gap = float(distance[person, thing] - clearance[person, thing])
         allowed = PUSH_PER_S * gap  # slow down with the distance left; back off when overlapping
         if closing > allowed:

@@ -190,15 +190,21 @@ def _cover(
     direction = ends - centre_m
     bone = second - first
     offset = centre_m - first
-    a = (direction * direction).sum(axis=-1)
-    e = (bone * bone).sum(axis=-1)
-    b = (direction * bone).sum(axis=-1)
-    c = (direction * offset).sum(axis=-1)
-    f = (bone * offset).sum(axis=-1)
+    a = _dot(direction, direction)
+    e = _dot(bone, bone)
+    b = _dot(direction, bone)
+    c = _dot(direction, offset)
+    f = _dot(bone, offset)
     across = a * e - b * b
     along = np.clip((b * f - c * e) / np.maximum(across, 1e-12), 0.0, 1.0)
     up = np.clip((b * along + f) / np.maximum(e, 1e-12), 0.0, 1.0)
     along = np.clip((b * up - c) / np.maximum(a, 1e-12), 0.0, 1.0)
     gap = offset + direction * along[..., None] - bone * up[..., None]
-    depth = radii - np.sqrt((gap * gap).sum(axis=-1))
+    depth = radii - np.sqrt(_dot(gap, gap))
     return np.asarray(np.clip(depth / SOFT_M, 0.0, 1.0))
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    """Return `(*batch)` products of `(*batch, 3)`: numpy sums along an axis of three slowly."""
+    product = a * b
+    return np.asarray(product[..., 0] + product[..., 1] + product[..., 2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -99,14 +100,16 @@ class Box:
         """Return `(*batch, 2)`: the points of its footprint nearest to `(*batch, 2)`."""
         half = np.array([self.length_m, self.width_m]) / 2 - self.overhang_m
         local = np.clip(self._local(xy_m), -half, half)
-        return np.asarray(local @ self._rotation().T + (self.x_m, self.y_m))
+        return np.asarray(local @ _turned(self.yaw).T + (self.x_m, self.y_m))
 
     def _local(self, xy_m: Floats) -> Floats:
-        return np.asarray((xy_m - (self.x_m, self.y_m)) @ self._rotation())
+        return np.asarray((xy_m - (self.x_m, self.y_m)) @ _turned(self.yaw))
 
-    def _rotation(self) -> Floats:
-        c, s = np.cos(self.yaw), np.sin(self.yaw)
-        return np.array([[c, -s], [s, c]])
+
+@cache
+def _turned(yaw: float) -> Floats:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s], [s, c]])
 
 
 def _slab(start: Floats, along: Floats, low: float, high: float) -> tuple[Floats, Floats]:
