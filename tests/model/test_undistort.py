@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from tests.cases import each_case
+from tests.interpreted import interpreted
 from tests.rigs import on_circle, towards
 
 from e3pose.base.arrays import Floats
@@ -233,7 +234,7 @@ def test_people_are_where_the_rig_projects_them(lens: str) -> None:
     points_m[0, 0] = 0.0
     points_m[0, 1] = [0.0, 0.0, 2.0]
     found, expected = np.empty((40, 17, 2)), rig.project(points_m)[0]
-    project_people(0, make_optics(rig), points_m, found)
+    interpreted(project_people)(0, make_optics(rig), points_m, found)
     np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
     near = np.abs(expected).max(axis=-1) < FAR_PX
     assert near.any() or lens == "enormous"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.cases import each_case
+from tests.interpreted import interpreted
 from tests.reference.filter_bias import inflation, worth_inflation
 from tests.rigs import looking
 from tests.select.outlooks import known, standing
@@ -33,11 +34,13 @@ from e3pose.select.expected_information import (
     expected_entrants,
     foresee,
 )
-from e3pose.select.kernels.foresight import BEHIND_SHARE, INFORMATION_RATIO, worth
+from e3pose.select.kernels import foresight
+from e3pose.select.kernels.foresight import BEHIND_SHARE, INFORMATION_RATIO
 from e3pose.select.stated_error import CORRECTION, MEMORY_S, MOST, StatedError, stated_error_m
 from e3pose.simulate import SceneSettings, simulate
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
+worth = interpreted(foresight.worth)
 
 SLOT_S = 0.04
 TERMS = memory_terms(ErrorMemory())
@@ -425,5 +428,7 @@ def test_a_camera_that_never_showed_the_person_is_expected_to_show_nobody_there(
     assert shows[2] < 0.35 and np.delete(shows, 2).min() > 0.8
     # Nobody was ever where the person is said to be in an hour.
     far_m = np.array([14.0, 14.0])
-    found = [chance(known_of, far_m, model.corner_m) for known_of in belief.detection_map]
+    found = [
+        interpreted(chance)(known_of, far_m, model.corner_m) for known_of in belief.detection_map
+    ]
     np.testing.assert_allclose(found, PLAIN)

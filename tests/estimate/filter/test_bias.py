@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.estimate.filter.room import MODEL, NUM_CAMERAS
+from tests.interpreted import interpreted
 from tests.reference import filter_bias
 
 from e3pose.base.arrays import Floats
+from e3pose.estimate.filter import repeated_errors
 from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.lasting import MEMORY_S, MOST, SPAN, USUAL, Lasting, grown_m2
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
@@ -17,9 +19,6 @@ from e3pose.estimate.filter.repeated_errors import (
     LEAST_WEIGHT,
     MOST_M,
     STAYS,
-    find_repeated,
-    weigh_biases,
-    weigh_views,
 )
 from e3pose.estimate.filter.shown import grow
 from e3pose.model.noise import ErrorMemory
@@ -27,6 +26,10 @@ from e3pose.model.projection import project
 from e3pose.model.uncertainty import axis_sigma_m
 
 TERMS = memory_terms(ErrorMemory())
+
+find_repeated = interpreted(repeated_errors.find_repeated)
+weigh_biases = interpreted(repeated_errors.weigh_biases)
+weigh_views = interpreted(repeated_errors.weigh_views)
 
 
 def test_lasting_error_is_learned_and_fades() -> None:

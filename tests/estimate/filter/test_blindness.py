@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 from tests.estimate.filter.room import step
+from tests.interpreted import interpreted
 from tests.reference import filter_blindness
 
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter import blindness as blind
-from e3pose.estimate.filter.blindness import proof
 from e3pose.estimate.filter.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
@@ -42,8 +42,8 @@ def taught(views: float, shown: float, times: int = 1) -> Floats:
 
 def at(detection_map: Floats, place_m: Floats = PLACE) -> Floats:
     proofs = filter_blindness.proof(detection_map, EVERYBODY, place_m, CORNER)[:, 0]
-    compiled = [proof(each, place_m[0], CORNER) for each in detection_map]
-    np.testing.assert_allclose(compiled, proofs, atol=1e-12)
+    found = [interpreted(blind.proof)(each, place_m[0], CORNER) for each in detection_map]
+    np.testing.assert_allclose(found, proofs, atol=1e-12)
     return proofs
 
 

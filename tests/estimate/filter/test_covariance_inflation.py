@@ -9,8 +9,9 @@ import pytest
 from tests.estimate.filter.room import MODEL, NUM_CAMERAS, run, step
 from tests.estimate.filter.test_learned_noise import FPS as ROOM_FPS
 from tests.estimate.filter.test_learned_noise import stated, walking
+from tests.interpreted import interpreted
 
-from e3pose.estimate.filter import Belief
+from e3pose.estimate.filter import Belief, covariance_inflation
 from e3pose.estimate.filter.covariance_inflation import (
     ALONE,
     EXPECTED,
@@ -19,8 +20,6 @@ from e3pose.estimate.filter.covariance_inflation import (
     PRIOR_M,
     STEERED,
     USUAL,
-    learned_factor,
-    spread_factor,
 )
 from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.evaluate.figures import expected_figures
@@ -28,6 +27,9 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.simulate import SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
+
+learned_factor = interpreted(covariance_inflation.learned_factor)
+spread_factor = interpreted(covariance_inflation.spread_factor)
 
 SCENES = ("two-rooms", "one-sided", "slow")
 SEED = 33

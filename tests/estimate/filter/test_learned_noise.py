@@ -18,6 +18,7 @@ from tests.estimate.filter.room import (
     step,
     turn,
 )
+from tests.interpreted import interpreted
 from tests.reference.filter_learned_noise import knots_px
 
 from e3pose.base.arrays import Floats
@@ -198,5 +199,5 @@ def test_ghosts_of_one_camera_teach_nothing() -> None:
 def factors(noise: Floats, weight: float) -> Floats:
     """`(num_cameras,)` factors on the sigma of the noise file."""
     logs = np.empty(len(noise))
-    find_logs(noise, weight, logs)
+    interpreted(find_logs)(noise, weight, logs)
     return np.asarray(np.exp(logs[:-1]))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.cases import each_case
 from tests.estimate.filter.room import ALL, BODY, MODEL, RIG, Views, run, see, standing
+from tests.interpreted import interpreted
 from tests.reference import filter_proportions
 
 from e3pose.base.arrays import Floats
@@ -145,7 +146,7 @@ def expect(
 ) -> tuple[Floats, Floats, float]:
     lengths_m, variances = np.empty(len(body.bones)), np.empty(len(body.bones))
     room = np.empty((4, len(KINDS)))
-    size = expect_lengths(bones_m, counts, body, room, lengths_m, variances)
+    size = interpreted(expect_lengths)(bones_m, counts, body, room, lengths_m, variances)
     return lengths_m, variances, size
 
 
@@ -238,7 +239,8 @@ def test_a_body_that_fits_is_left_alone() -> None:
     np.testing.assert_array_equal(found[0], joints_m)
     np.testing.assert_array_equal(found[1], covariance_m2)
     assert found[2].all()
-    assert stature_of(BODY, BONES, np.empty(NUM_BONES)) == pytest.approx(1.75, abs=0.15)
+    stature_m = interpreted(stature_of)(BODY, BONES, np.empty(NUM_BONES))
+    assert stature_m == pytest.approx(1.75, abs=0.15)
 
 
 def test_an_ankle_across_the_room_comes_back_unmeasured_and_vague() -> None:

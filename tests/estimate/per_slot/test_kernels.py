@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from tests.cases import each_case
+from tests.interpreted import interpreted
 from tests.reference.fuse import ReferenceFuser
 from tests.rigs import on_circle, towards
 
@@ -151,7 +152,7 @@ def test_null_vector_is_the_smallest_eigenvector(seed: int, smallest: float) -> 
     basis = np.linalg.qr(rng.normal(size=(4, 4)))[0]
     matrix = basis @ np.diag([smallest, *rng.uniform(1, 5, 3)]) @ basis.T
     out = np.zeros(4)
-    null_vector(np.triu(matrix), np.zeros((2, 4, 4)), out)
+    interpreted(null_vector)(np.triu(matrix), np.zeros((2, 4, 4)), out)
     out /= np.linalg.norm(out)
     assert abs(abs(out @ basis[:, 0]) - 1) < 1e-12
 
@@ -209,7 +210,8 @@ def assigned(costs: Floats) -> list[int]:
     table = np.full((ROOM, ROOM), np.nan)
     table[:num_rows, :num_columns] = costs
     integers = np.full((5, ROOM), -7, np.int64)
-    assign(table, num_rows, num_columns, np.zeros((3, ROOM)), integers, np.ones((2, ROOM), bool))
+    more = np.zeros((3, ROOM)), integers, np.ones((2, ROOM), bool)
+    interpreted(assign)(table, num_rows, num_columns, *more)
     return [int(column) for column in integers[0, :num_rows]]
 
 

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.cases import each_case
+from tests.interpreted import interpreted
 from tests.reference import attention_network as runtime
 from tests.reference import normalise as plain_history
 
 from e3pose.base.arrays import Floats
 from e3pose.base.kernel import kernel
-from e3pose.model.skeleton import COCO17
+from e3pose.model.skeleton import BODY25, COCO17
 from e3pose.predict.attention_lstm import PUBLISHED, SHIPPED, AttentionLstm
 from e3pose.predict.kernels.half import Halves, in_half, widen
 from e3pose.predict.kernels.layers import linear, sigmoid, soften, tanh
-from e3pose.predict.kernels.network import run_network
+from e3pose.predict.kernels.tracks import calibrated
 from e3pose.predict.normalise import NUM_COMMON
 from e3pose.predict.weights_file import read_file
 from e3pose_lab.prediction.normalise import Normalised, normalise
@@ -37,20 +39,31 @@ def test_the_network_says_what_onnx_runtime_says(num_people: int, leads: int) ->
     pose = rng.normal(scale=0.4, size=(num_people, NUM_COMMON, 3))
     history = pose + np.cumsum(rng.normal(scale=0.03, size=(10, *pose.shape)), axis=0)
     history[rng.random(history.shape[:3]) < 0.2] = np.nan
-    normal = normalise(history, 0.04, 10)
-    places = np.empty((leads, num_people, 3 * NUM_COMMON), dtype=np.float32)
-    log_error = np.empty((leads, num_people, NUM_COMMON), dtype=np.float32)
-    weights = AttentionLstm(COCO17).weights
-    run_network(weights, normal.features, normal.context, places, log_error)
-    expected, expected_log = runtime.run_network(runtime.open_session(), normal, leads)
-    np.testing.assert_allclose(places, expected, atol=NETWORK_M)
-    np.testing.assert_allclose(log_error, expected_log, atol=1e-4)
+    predictor = AttentionLstm(BODY25)
+    columns = predictor.joints.direct
+    joints_m = np.full((10, num_people, len(BODY25), 3), np.nan)
+    joints_m[:, :, columns] = history
+    found = predictor.predict(joints_m, 0.04, leads)
+    normal = plain_history.normalise(history, 0.04, 10)
+    places, log_error = runtime.run_network(runtime.open_session(), normal, leads)
+    places_m = np.moveaxis(places.reshape(leads, num_people, 3, NUM_COMMON), 2, 3)
+    expected_m = plain_history.to_world(normal, places_m.astype(np.float64))
+    np.testing.assert_allclose(found.joints_m[:, :, columns], expected_m, atol=NETWORK_M)
+    error = interpreted(calibrated)
+    curves = predictor.curves
+    errors_m = [[[error(x, n, curves) for x in row] for row in log_error[n]] for n in range(leads)]
+    flattest = curves.slopes.min()  # of the curves: an error of 1e-4 before them is this much after
+    np.testing.assert_allclose(
+        np.log(found.error_m[:, :, columns]), np.log(errors_m), atol=1e-4 * flattest
+    )
 
 
-def test_curves_are_within_single_precision() -> None:
+@each_case("curve, plain", [(tanh, np.tanh), (sigmoid, lambda x: 1 / (1 + np.exp(-x)))])
+def test_curves_are_within_single_precision(
+    curve: Callable[[np.float32], np.float32], plain: Callable[[np.float64], np.float64]
+) -> None:
     for x in np.linspace(-30, 30, 2001).astype(np.float32):
-        assert abs(tanh(x) - np.tanh(np.float64(x))) < 3e-7
-        assert abs(sigmoid(x) - 1 / (1 + np.exp(-np.float64(x)))) < 3e-7
+        assert abs(interpreted(curve)(x) - plain(np.float64(x))) < 3e-7
 
 
 @each_case("num_rows", range(1, 10))
@@ -70,7 +83,7 @@ def test_a_linear_layer_of_any_size(num_rows: int, num_inputs: int) -> None:
 
 def test_softmax_of_large_numbers() -> None:
     values = np.array([500.0, 501.0, -500.0], dtype=np.float32)
-    soften(values)
+    interpreted(soften)(values)
     np.testing.assert_allclose(values, [1 / (1 + np.e), np.e / (1 + np.e), 0], atol=1e-6)
 
 
@@ -94,7 +107,7 @@ def histories(seed: int, num_slots: int = 10) -> Floats:
 def test_people_are_described_as_in_numpy(num_slots: int, interval_s: float) -> None:
     history = histories(num_slots, num_slots=max(num_slots, 6))[:num_slots]
     found, expected = (
-        form(history, interval_s, 10) for form in (normalise, plain_history.normalise)
+        form(history, interval_s, 10) for form in (interpreted(normalise), plain_history.normalise)
     )
     for name in Normalised.__dataclass_fields__:
         np.testing.assert_allclose(
@@ -104,7 +117,7 @@ def test_people_are_described_as_in_numpy(num_slots: int, interval_s: float) -> 
 
 def test_people_may_have_intervals_of_their_own() -> None:
     intervals_s = np.linspace(0.02, 0.1, 6)
-    found = normalise(histories(0), intervals_s, 10).context[:, 1]
+    found = interpreted(normalise)(histories(0), intervals_s, 10).context[:, 1]
     np.testing.assert_allclose(found, np.log(30 * intervals_s), rtol=1e-6)
 
 
