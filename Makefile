@@ -41,7 +41,7 @@ $(VENV)/.dev: $(PROJECTS) requirements/dev.txt | $(BIN)/python
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
 	$(BIN)/e3pose demo demo-output --overwrite
 
-# What computes runs in four processes at a low priority, and takes what sites leave of the cores:
+# What computes runs in three processes at a low priority, and takes what sites leave of the cores:
 # these mostly wait, three at a time; what is timed runs after the other sites, two at a time. Other
 # programs may take the machine: tests of sites get a second try, whatever fails one more at the end
 # of its part, in a new process, and the run names both.
@@ -51,7 +51,7 @@ COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
 SITES := --reruns 1 --rerun-show-tracebacks --dist loadfile --no-loadscope-reorder
 # Of what the machine's cores do, a process at 7 gets a fifth of one at 0.
 COMPUTING_NICE ?= 7
-COMPUTING_WORKERS ?= 4
+COMPUTING_WORKERS ?= 3
 export RERUNS := $(CURDIR)/.reruns
 # Run tests: the name of their part, what pytest runs under, its options, which marks. `@FILE` has
 # more options. A part may have no tests to run (5) where little differs.

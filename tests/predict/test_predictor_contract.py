@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cases import each_case
+from tests.interpreted import interpreted
 
 from e3pose.base.arrays import Floats
 from e3pose.base.errors import InputError
@@ -152,7 +153,8 @@ def test_an_unknown_name_lists_what_there_is() -> None:
 
 
 def errors(curves: Curves, lead: int, log_errors: list[float]) -> list[float]:
-    return [calibrated(np.float32(log_error), lead, curves) for log_error in log_errors]
+    stated = interpreted(calibrated)
+    return [stated(np.float32(log_error), lead, curves) for log_error in log_errors]
 
 
 def test_between_points_logarithms_are_linear_and_beyond_ratios_hold() -> None:
