@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,10 +13,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 from tests.postgres import WAY_OUT, Server, programs, running_server
 
-from e3pose.detectors import inference
-
-# Matrices are small: several threads for each cost twice the time of the cores. For this process,
-# which has not imported numpy yet, and all that it starts.
+# Matrices are small: several threads for each cost twice the time of the cores, and five times
+# beside other programs. For this process, before it imports numpy, and all that it starts.
+assert "numpy" not in sys.modules, "numpy was imported before its threads were limited"
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 # The same examples in every run; a busy machine takes long for each. Others are found, and worth
@@ -89,5 +89,5 @@ def no_waiting_for_disks() -> Iterator[None]:
 def no_trial_of_networks() -> Iterator[None]:
     """Load networks at once: those of tests are ours, and a process for each takes a second."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(inference, "_check_bounds", lambda path: None)
+        patched.setattr("e3pose.detectors.inference._check_bounds", lambda path: None)
         yield
