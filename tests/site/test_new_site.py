@@ -12,6 +12,7 @@ from tests.rigs import looking
 from e3pose.base.errors import InputError
 from e3pose.camera.probe import Probe
 from e3pose.detectors.timing import DetectionTimes
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.resolved import resolve, resolve_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.detector_speed import (
@@ -83,6 +84,9 @@ def test_site_without_a_calibration_names_what_makes_it(tmp_path: Path) -> None:
         resolve(site)
     rig = resolve(site, placed=False).rig
     assert rig.camera_ids == ("c0", "c1", "c2", "c3") and not rig.placed
+    save_rig(looking((4, 0), (0, 4), (-4, 0), (0, -4)), site.calibration)
+    kept = measure_detections(resolve(site), again=False)  # which no calibration makes void
+    assert kept is not None and (kept.together_s == SLOW.together_s).all()
     assert all(line == line.rstrip() for line in path.read_text().split("\n"))
 
 

@@ -6,7 +6,7 @@ import json
 import platform
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +89,8 @@ def save_times(path: Path, workloads: dict[str, Workload], times: DetectionTimes
 
 def _asked(workloads: dict[str, Workload]) -> list[str]:
     machine = f"{platform.node()}, {plural(num_cores(), 'core')}"
-    return [machine, *(f"{name} {asdict(workload)}" for name, workload in workloads.items())]
+    # Of any size: a network scales its images, whose size is known once they are calibrated.
+    return [machine, *(f"{n} {replace(w, image_size=DEFAULT_SIZE)}" for n, w in workloads.items())]
 
 
 def _read(path: Path, asked: list[str]) -> DetectionTimes | None:

@@ -19,13 +19,7 @@ from e3pose.detectors.weights import BOXES, is_installed, pull_weights
 from e3pose.detectors.weights import networks as known_networks
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.sources import is_recorded
-from e3pose.site.new_site import (
-    Choice,
-    fill_site,
-    rates,
-    site_name,
-    threads_for,
-)
+from e3pose.site.new_site import Choice, fill_site, rates, site_name, threads_for
 from e3pose.site.setup.cameras import looked_again, shown_source
 from e3pose.site.setup.editing import apply_cameras
 from e3pose.site.setup.plan import ChosenCamera, Plan
