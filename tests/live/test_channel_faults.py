@@ -51,7 +51,8 @@ def shut() -> dict[str, Any]:
         for number in range(3):
             os.close(number)
 
-    return {"preexec_fn": close}
+    # It would cut the bytecode that it keeps beside the source, which all others then read.
+    return {"preexec_fn": close, "env": {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}}
 
 
 FAULTS = {"hung": hung, "shut": shut}

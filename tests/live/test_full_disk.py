@@ -114,7 +114,9 @@ def test_up_runs_where_no_file_can_grow_and_nothing_can_be_said(tmp_path: Path) 
         for number in range(3):
             os.close(number)
 
-    with up_at_work(tmp_path, preexec_fn=nothing) as follower:
+    # Bytecode would be cut, too, which all others then read.
+    plain = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    with up_at_work(tmp_path, preexec_fn=nothing, env=plain) as follower:
         flows(follower)
         assert follower.status is not None
         said = [event for event in follower.status.events if "cannot save the state" in event]
