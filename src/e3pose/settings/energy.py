@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Generic, Literal, TypeVar
 
 from e3pose.base.errors import InputError
@@ -143,7 +144,7 @@ class EnergySettings:
             battery_wh = [known.get(camera_id, DEFAULT_BATTERY_WH) for camera_id in camera_ids]
         else:
             battery_wh = self.battery_wh.each("battery_wh", camera_ids)
-        profiles = [load_profile(name) for name in self.profile.each("profile", camera_ids)]
+        profiles = [*map(cache(load_profile), self.profile.each("profile", camera_ids))]
         budget = None
         if self.lifetime_s is not None:
             shares = lifetime_budget(
