@@ -20,6 +20,9 @@ from tests.postgres import WAY_OUT, Server, programs, running_server
 assert "numpy" not in sys.modules, "numpy was imported before its threads were limited"
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+# As commands have it: looking for garbage less often takes half the time, a fiftieth of most tests.
+gc.set_threshold(20_000)
+
 # The same examples in every run; a busy machine takes long for each. Others are found, and worth
 # looking for, with pytest --hypothesis-profile=search
 BUSY = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])

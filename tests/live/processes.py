@@ -73,6 +73,7 @@ class LiveSite:
         camera_options: of all cameras.
         name: of the site.
         together: whether all cameras run in one program, which costs less; else each in its own.
+        fps: slots per second.
         statuses: everything that the edge said of itself, and when it came.
         poses: what it published.
     """
@@ -87,6 +88,7 @@ class LiveSite:
     camera_options: Sequence[str] = ()
     name: str = "lab"
     together: bool = False
+    fps: float = FPS
     programs: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     poses: list[Poses] = field(default_factory=list)
@@ -106,7 +108,7 @@ class LiveSite:
     def write(self) -> None:
         """Write the site file."""
         lines = [
-            'format = "e3pose-site"', "version = 1", f'name = "{self.name}"', f"fps = {FPS}",
+            'format = "e3pose-site"', "version = 1", f'name = "{self.name}"', f"fps = {self.fps}",
             'calibration = "recording/calibration.toml"', *self.more,
             "[link]", f'endpoint = "tls/{self.host}:{self.port}"', 'keys = "keys"',
             "[loop]", 'policy = "round-robin"', "cameras = 2", 'predictor = "zero-velocity"',

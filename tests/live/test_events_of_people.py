@@ -45,8 +45,8 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveSite]:
-    """A home in which somebody falls every half minute."""
+def site(tmp_path_factory: pytest.TempPathFactory, port: int) -> Iterator[LiveSite]:
+    """A home in which somebody falls every half minute; none without a broker."""
     folder = tmp_path_factory.mktemp("home")
     save_recording(simulate(HOME, SEED), folder / "recording")
     tables = ("[store]", 'path = "poses.db"', "[events]", "lies_s = 8.0")

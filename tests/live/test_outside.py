@@ -65,7 +65,8 @@ def site(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterator[
     (folder / "recording").symlink_to(recording)
     # Cameras that join look for a site by its name: not for that of another test.
     name = f"join-{port}"
-    made = LiveSite(folder, port=port, tables=VIEW, camera_options=["--pictures"], name=name)
+    options = ["--pictures"]  # and few slots: none of these tests looks at how many there are
+    made = LiveSite(folder, port=port, tables=VIEW, camera_options=options, name=name, fps=10.0)
     with made.at_work():
         now, keys = datetime.datetime.now(datetime.timezone.utc), folder / "keys"
         add_keys(keys, "house", now, kind="hub")
@@ -153,7 +154,7 @@ def test_hub_s_router_holds_no_key_and_no_token(site: LiveSite) -> None:
         with hub(site) as transport:  # which this certificate is for
             topic = of_outbox(site.name, "house")
             assert eventually(lambda: transport.ask(topic, encode(OutboxQuestion()), 5.0))
-            site.flows(40)  # cameras, viewer and edge say what they have to say
+            site.flows(20)  # cameras, viewer and edge say what they have to say
         assert all_held(session) == set()
 
 
@@ -161,7 +162,7 @@ def test_viewer_s_router_holds_four_fixed_keys_at_most(site: LiveSite) -> None:
     own = {f"e3pose/{site.name}/{what}" for what in ("poses", "poses-delayed", "status", "alive")}
     with router(site, "viewer", "wall") as session:
         assert eventually(lambda: held(session, "token"))
-        site.flows(40)
+        site.flows(20)
         found = all_held(session)
         assert found <= own and len(found) <= MOST_KEYS
         assert held(session, "token") == {f"e3pose/{site.name}/alive"}

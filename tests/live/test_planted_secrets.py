@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import urllib.request
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -15,6 +16,7 @@ from tests.live.processes import COMPILE_S, running, small_cameras
 from tests.ports import free_port
 from tests.waiting import eventually
 
+from e3pose.detectors.timing import time_detections
 from e3pose.settings.site_file import load_site
 from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Status
@@ -47,6 +49,9 @@ def test_no_output_of_a_run_holds_a_password_of_a_camera(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    quickly = partial(time_detections, seconds=0.1)
+    for module in ("cli.starting", "site.detector_speed"):
+        monkeypatch.setattr(f"e3pose.{module}.time_detections", quickly)
     small_cameras(tmp_path, (4, 0), (0, 4), (-4, 0))
     room = tmp_path / "room"
     with ExitStack() as stack:

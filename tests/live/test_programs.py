@@ -83,12 +83,15 @@ def test_up_says_why_no_camera_can_start(tmp_path: Path, recording: Path) -> Non
     assert err.count("\n") == 1 and cameras[0] in err and "broken.mp4" in err, err
 
 
-def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None:
+def test_port_that_is_taken_is_one_line(
+    tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write_site(tmp_path, recording)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", int(path.read_text().split("127.0.0.1:")[1].split('"')[0])))
         taken.listen()
-        code, out, err = run("edge", str(path))
+        code = commands.run("edge", path)
+    out, err = capsys.readouterr()
     assert (code, out) == (2, "")
     assert err.splitlines()[-1].startswith("e3pose: ") and "Traceback" not in err, err
 
@@ -111,7 +114,9 @@ def running(tmp_path_factory: pytest.TempPathFactory, recording: Path) -> Iterat
     assert not list(path.parent.glob(".*.lock"))
 
 
-def test_second_edge_of_a_site_names_the_first(running: Path) -> None:
+def test_second_edge_of_a_site_names_the_first(
+    running: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Also that nobody but the owner may read what they write."""
     folder = running.parent
     other, alone = folder / "other.toml", folder / "alone.toml"
@@ -123,8 +128,8 @@ def test_second_edge_of_a_site_names_the_first(running: Path) -> None:
         assert file.stat().st_mode & 0o777 == 0o600, file
     assert (folder / "logs").stat().st_mode & 0o777 == 0o700
     for site, what in ((other, "state.npz"), (alone, "live.db")):
-        code, _, error = run("edge", str(site), seconds=60)
-        assert code == 2
+        assert commands.run("edge", site) == 2
+        error = capsys.readouterr().err
         assert f"{what}: process " in error and "(e3pose edge" in error
         assert "writes there already" in error
 

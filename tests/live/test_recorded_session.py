@@ -14,9 +14,12 @@ from tests.waiting import eventually
 
 from e3pose.camera.provenance import load_provenance
 from e3pose.camera.source import open_video
+from e3pose.detectors.timing import DetectionTimes
 from e3pose.edge.recorder import recordings_in
 from e3pose.recording import Recording, load_recording
 from e3pose.recording.videos import begin_of, videos_in
+from e3pose.settings.resolved import resolve_site
+from e3pose.site.detector_speed import KEPT, save_times, workloads_of
 from e3pose.store import Store
 
 FPS = 10.0
@@ -53,12 +56,14 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("session")
     code = commands.run(
         "simulate", folder / "films", "--people", "2", "--seconds", "6", "--fps", f"{FPS:g}",
-        "--cameras", "4", "--resolution", "640x480", "--videos",
+        "--cameras", "4", "--resolution", "400x300", "--videos",
     )  # fmt: skip
     assert code == 0
-    site = SITE.replace("PORT", str(free_port()))
+    text = SITE.replace("PORT", str(free_port()))
     path = folder / "site.toml"
-    path.write_text(site + "".join(CAMERA.format(id=i, record=r) for i, r in RECORD.items()))
+    path.write_text(text + "".join(CAMERA.format(id=i, record=r) for i, r in RECORD.items()))
+    site = resolve_site(path)  # `up` has no need to measure for seconds how quick it is
+    save_times(folder / KEPT, workloads_of(site), DetectionTimes(*np.full((2, 4), 0.01)))
     with running(path, folder / "up.log", "--quiet") as (program, _):
         recordings = folder / "recordings"
         assert eventually(
