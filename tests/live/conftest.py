@@ -40,9 +40,9 @@ def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield made
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def page(window: Page) -> Iterator[Page]:
-    """The window of the browser, for the tests of a file one after the other."""
+    """The window of the browser, for one test after the other; between them it draws nothing."""
     yield window
     window.open("about:blank")
     window.messages.clear()

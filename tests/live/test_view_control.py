@@ -26,7 +26,9 @@ LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, page: Page) -> Iterator[tuple[Edge, View, Page]]:
+def site(
+    tmp_path_factory: pytest.TempPathFactory, window: Page
+) -> Iterator[tuple[Edge, View, Page]]:
     """An edge with three cameras, its view, and a browser."""
     folder = tmp_path_factory.mktemp("site")
     recording = simulate(SceneSettings(people=2, seconds=4, fps=6.0, cameras=3), seed=1)
@@ -37,7 +39,9 @@ def site(tmp_path_factory: pytest.TempPathFactory, page: Page) -> Iterator[tuple
         edge: Edge = runpy.run_path(str(LIVE))["run"](site_file, stack)
         view = stack.enter_context(open_view(resolve_site(site_file), "127.0.0.1:0"))
         assert eventually(lambda: edge.status().slot > 5, 240)
-        yield edge, view, page
+        yield edge, view, window
+        window.open("about:blank")
+        window.messages.clear()
 
 
 def paused(edge: Edge) -> list[bool]:
