@@ -347,7 +347,7 @@ FULL = 1 - 1e-9
 
 
 def spheres(sigma_m: float, people: int = 2) -> NDArray[np.float64]:
-    return np.broadcast_to(np.eye(3) * sigma_m**2, (people, 17, 3, 3))
+    return np.tile(np.eye(3) * sigma_m**2, (people, 17, 1, 1))
 
 
 def error_m(sigma_m: float) -> float:

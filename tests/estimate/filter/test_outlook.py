@@ -186,7 +186,7 @@ def test_noise_is_left_where_the_predictor_foresees_its_error_to_grow(interval_s
         joints_m, found = foreseen_of(grown(shares, interval_s), interval_s)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
         np.testing.assert_array_equal(joints_m, 1.0)
-    shrinking = foreseen_of(grown(0.5, interval_s)[::-1], interval_s)[1]
+    shrinking = foreseen_of(grown(0.5, interval_s)[::-1].copy(), interval_s)[1]
     np.testing.assert_array_equal(shrinking, LEAST_SHARE)
 
 

@@ -117,8 +117,8 @@ def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count:
     rows, columns = np.triu_indices(3)
     seen = Foresight(
         outlook=standing(np.zeros((2, 5, 3)), 12),
-        prior=np.broadcast_to(EYE * 100, (2, 5, 6)),
-        views=full[..., rows, columns],
+        prior=np.tile(EYE * 100, (2, 5, 1)),
+        views=np.ascontiguousarray(full[..., rows, columns]),
         counted=np.ones((12, 2)),
         new=np.ones((12, 2)),
         weights=np.array([1.0, 0.4]),

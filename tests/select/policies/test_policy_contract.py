@@ -28,8 +28,8 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
     rows, columns = np.triu_indices(3)
     return Foresight(
         outlook=standing(np.zeros((2, 3, 3)), num_cameras),
-        prior=np.broadcast_to([400.0, 0, 0, 400, 0, 400], (2, 3, 6)),
-        views=views[..., rows, columns],
+        prior=np.tile([400.0, 0, 0, 400, 0, 400], (2, 3, 1)),
+        views=np.ascontiguousarray(views[..., rows, columns]),
         counted=np.ones((num_cameras, 2)),
         new=np.ones((num_cameras, 2)),
         weights=np.ones(2),
