@@ -115,7 +115,8 @@ def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
         each person's joints inside the image.
     """
     occlusion, shares = np.empty(len(rig)), np.empty((len(rig), len(joints_m)))
-    expect_boxes(_optics(rig), np.ascontiguousarray(joints_m), occlusion, shares)
+    joints_m = np.array(joints_m, np.float64, order="C")  # of one type, for which it is compiled
+    expect_boxes(_optics(rig), joints_m, occlusion, shares)
     return occlusion, shares
 
 
