@@ -1,4 +1,4 @@
-"""What a hub gathered, as data frames."""
+"""Data of a hub as data frames."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ def _page_of(hub: Hub, name: str, user: User) -> tuple[str, str]:
 
 
 def page_lines(url: str, hub: Hub) -> list[str]:
-    """Return what to tell whoever started the page."""
+    """Return the lines printed at the start of the page."""
     names: list[Any] = [user.name for user in read_users(users_of(hub).path)]
     if not names:
         return [

@@ -164,7 +164,7 @@ def _asked(
 
 
 def _unreachable(link: Link) -> str:
-    """Return what to say where nothing lets the hub in."""
+    """Return the message for a link where nothing lets the hub in."""
     wanted = "a running edge"
     if link.certificates is not None:
         wanted += f" that accepts the certificate in {link.certificates.certificate.parent}"

@@ -1,4 +1,4 @@
-"""Who may see which sites of a hub: viewers and operators of groups, each with a token."""
+"""Users of a hub: viewers and operators of groups of sites, each with a token."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Users:
         return found
 
     def scope(self, token: str) -> Literal["read", "write"] | None:
-        """Return what a token allows; None for an unknown one."""
+        """Return the rights of a token; None for an unknown one."""
         user = self.of_token(token)
         return None if user is None else "write" if user.role == "operator" else "read"
 

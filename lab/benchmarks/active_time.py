@@ -247,7 +247,7 @@ class Found:
     kept: float | None
 
     def wrong(self) -> str:
-        """Return what is out of bounds."""
+        """Return the names of the figures that are out of bounds."""
         active_w, idle_w = self.watts
         off_share = max(abs(active_w / ACTIVE_W - 1), abs(idle_w / IDLE_W - 1))
         found = {

@@ -170,7 +170,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Pace:
-    """What a viewer gets of the honest cameras, whatever slots the edge computes.
+    """Rates of poses and views of honest cameras at a viewer, whatever slots the edge computes.
 
     Attributes:
         poses: with a view, per second.
@@ -189,7 +189,7 @@ class Pace:
 
     @classmethod
     def quiet(cls, seen: Seen) -> Pace:
-        """Return what comes without an attack, from now on."""
+        """Measure the pace without an attack, from now on."""
         wait(SETTLE_S)
         begun_s = time.monotonic()
         wait(QUIET_S)
@@ -419,7 +419,7 @@ def tested(words: str, report: Report) -> None:
 
 @dataclass
 class Course:
-    """What came of the rows so far, and how long the others take.
+    """Results of the rows so far, and the time left for the others.
 
     Attributes:
         left_s: by part, what it takes; those that are over are not in it.

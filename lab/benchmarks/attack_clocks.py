@@ -102,7 +102,7 @@ def _clocks_and_certificates(report: Report) -> None:
 
 
 class _Trials:
-    """What is tried, and what came of it."""
+    """Trials of moved clocks, and their results."""
 
     def __init__(
         self, site: Site, seen: Seen, offsets: dict[str, Path], report: Report, where: str = ""

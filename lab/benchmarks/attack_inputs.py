@@ -44,7 +44,7 @@ NUMBERS: tuple[Any, ...] = (
 
 @dataclass
 class Result:
-    """What one attack did.
+    """Result of one attack.
 
     Attributes:
         name: of the attack.

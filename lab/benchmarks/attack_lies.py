@@ -65,7 +65,7 @@ MUST = (
 
 @dataclass
 class Seen:
-    """What a viewer gets.
+    """Poses and statuses that a viewer received.
 
     Attributes:
         poses: time of arrival, slot, seconds from the middle of the slot, people, and the cameras
@@ -99,7 +99,7 @@ def viewer(site: Site) -> Iterator[Seen]:
 
 @dataclass(frozen=True)
 class Got:
-    """What honest cameras' users got in a while.
+    """Figures of honest cameras over a stretch of time.
 
     Attributes:
         poses: with a view, per second.
@@ -134,7 +134,7 @@ class Got:
 
 
 def got(seen: Seen, honest: set[str], since_s: float, until_s: float) -> Got:
-    """Return what came between two times."""
+    """Return the figures between two times."""
     poses = [each for each in list(seen.poses) if since_s <= each[0] < until_s]
     statuses = [status for at_s, status in list(seen.statuses) if since_s <= at_s < until_s + 1.0]
     with_views = [each for each in poses if each[4]]

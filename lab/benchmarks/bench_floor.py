@@ -76,7 +76,7 @@ def measured(work: Callable[[], None], seconds: float) -> float:
 
 
 def one_step_a_slot(recording: Recording) -> Callable[[], None]:
-    """Return what runs the loop by one slot of a recording, which begins again at its end."""
+    """Make a function that runs one slot of a recording, which begins again at its end."""
     settings = ReplaySettings(num_selected=round(SELECTED * len(recording.rig)), lead_slots=4)
     pipeline = make_pipeline(recording, settings, time.perf_counter)
     online = np.ones(len(recording.rig), bool)
@@ -124,7 +124,7 @@ def open_edge(folder: Path, num_cameras: int) -> tuple[NetworkTransport, str, li
 
 
 def sender(transport: NetworkTransport, num_cameras: int) -> Callable[[], None]:
-    """Return what sends the messages of a slot."""
+    """Make a function that sends the messages of a slot."""
     orders = [
         (topics.of_order(SITE, f"cam{i}"), Order(f"cam{i}", 1, True, "power-saving", 1, 1, 1, 1))
         for i in range(num_cameras)

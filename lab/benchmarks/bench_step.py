@@ -81,7 +81,7 @@ def measure(
 
 
 def in_process(root: Path, cold_mb: int = 0) -> Costs:
-    """Return what `measure` finds of the sources below `root`, in a process of its own."""
+    """Run `measure` on the sources below `root`, in a process of its own."""
     code = f"import json, bench_step; print(json.dumps(bench_step.measure({cold_mb})))"
     paths = (root / "src", ROOT / "lab" / "benchmarks")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}

@@ -1,4 +1,4 @@
-"""What programs and verbs cost: CPU as a ratio to a reference loop of the same run, and memory.
+"""Costs of programs and verbs: CPU relative to a reference loop of the same run, and memory.
 
     python lab/benchmarks/budget.py            # fails where a limit of budget.toml is exceeded
 
@@ -62,7 +62,7 @@ VERB = f"{PEAK}\nimport sys\nfrom e3pose.cli import main\nmain(sys.argv[1:])"
 
 @dataclass(frozen=True)
 class Cost:
-    """What one thing costs, and what it may.
+    """Measured cost of one program or verb, and its limits.
 
     Attributes:
         name: of a program's import or run, or of a verb.

@@ -72,7 +72,7 @@ TODAY = 1  # layout: of `WAYS`, what others are a share of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footage:
-    """What cameras see.
+    """Videos of a simulated scene, by camera.
 
     Attributes:
         scene: its rig and truth; its views are not used.
@@ -87,7 +87,7 @@ class Footage:
 
 @dataclass
 class Work:
-    """What a way to look took in all runs; each list has one figure a run."""
+    """Costs of a way to look in all runs; each list has one figure a run."""
 
     cpu_ms: list[float] = field(default_factory=list)  # of all cameras, a slot
     look_ms: list[float] = field(default_factory=list)

@@ -132,7 +132,7 @@ def mean_mm(distances_m: Sequence[Floats]) -> float | None:
 
 
 def matched(joints_m: Floats, expected_m: Floats) -> list[tuple[int, int]]:
-    """Return who is whom: rows of people less than half a metre apart, one to one."""
+    """Match people to the truth, one to one: pairs of rows less than half a metre apart."""
     if not len(joints_m) or not len(expected_m):
         return []
     apart = np.nan_to_num(mean_errors_m(joints_m, expected_m), nan=np.inf)
@@ -176,7 +176,7 @@ def measure(options: argparse.Namespace, out: Path) -> Iterator[Row]:
 
 
 def key_of(row: Row) -> tuple[Any, ...]:
-    """Return what tells one replay from another."""
+    """Return the key of a replay: its place, rate, seed, policy, goal and lead."""
     return tuple(row[name] for name in ("place", "fps", "seed", "policy", "goal", "lead"))
 
 

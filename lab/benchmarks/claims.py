@@ -208,7 +208,7 @@ def rewritten(text: str, measured: dict[str, float]) -> str:
 
 
 def output_of(run: Run) -> str:
-    """Run the commands in an empty folder; return what is to be searched.
+    """Run the commands in an empty folder; return the text that holds the figures.
 
     Raises:
         InputError: with the last that a command said, if it fails.

@@ -1,4 +1,4 @@
-"""What all cameras of a recording without truth say together, to compare a few of them with.
+"""Reference poses of a recording without truth: the offline smoother over all its cameras.
 
 The reference is the offline smoother over every view of every camera (`e3pose_lab.noise.smoother`).
 It has the joints that at least two cameras saw within 0.12 s.

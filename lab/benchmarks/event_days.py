@@ -30,7 +30,7 @@ DAYS = 7
 
 
 def piece(scene: str, seed: int, fps: float, cameras: float) -> dict[str, Any]:
-    """Return what was done and told in ten minutes."""
+    """Count the episodes and the events told in ten minutes."""
     made = SceneSettings(
         scene="home" if scene == "empty" else scene, seconds=PIECE_S, fps=fps,
         people=0 if scene == "empty" else None,

@@ -10,7 +10,7 @@ MOTIONS is a folder of recordings with truth alone, as `e3pose import bvh` makes
 down, when the person begins to get up. They move before a ring of cameras with the detectors of the
 simulated homes.
 
-Simulated homes: `home-fall` has falls of seven kinds (their kinematics: `simulate.episode_kinds`),
+Simulated homes: `home-fall` has falls of seven kinds (their kinematics: `simulate.episodes`),
 `home` and `home-play` have everything else that goes down, many times as often as life has it, and
 `home-floor` only what ends on the floor. A fall is found when it is told before the person gets up.
 In recordings of real people nobody falls: every alarm is false there.
@@ -88,7 +88,7 @@ class Due:
 
 
 def due_of(lived: Sequence[Episode], table: EventsTable, seconds: float) -> list[Due]:
-    """Return what is due in a recording of so many seconds; near to its end it only may be told."""
+    """Return the events due in a recording of so many seconds; near its end they are optional."""
     return [
         replace(due, must=due.must and due.since_s < seconds - LATE_S)
         for episode in lived
@@ -149,7 +149,7 @@ ZONES = (
 
 @dataclass
 class Tally:
-    """What was found in some recordings.
+    """Counts of events found, missed and false in some recordings.
 
     Attributes:
         tried, found: events that were due, and those told, by kind and what they are of.
@@ -203,7 +203,7 @@ class Tally:
 def told_in(
     recording: Recording, settings: ReplaySettings, zones: Sequence[ZoneTable], tally: Tally
 ) -> list[PersonEvent]:
-    """Replay a recording and return what is told; events ask for looks where the tally says so."""
+    """Replay a recording and return the events told; they ask for looks if the tally says so."""
     table, told = EventsTable(), list[PersonEvent]()
     watch = begin_watch(table, recording.skeleton.joints, zones)
     asleep, selected = list[Flags](), list[Flags]()

@@ -1,4 +1,4 @@
-"""What changes of the filter and the policy are worth to judges that share nothing with them.
+"""Worth of changes of the filter and the policy, by judges that share nothing with them.
 
     E3POSE_SHARED=... python lab/benchmarks/filter_terms.py 4de5ca09 --out terms.jsonl
     python lab/benchmarks/filter_terms.py "estimate/filter/compare: RATE = 0.1 => RATE = 0.0"

@@ -1,4 +1,4 @@
-"""What a verb makes of one hostile input: how it ends, in what time and memory."""
+"""Trials of verbs on one hostile input: exit code, time and memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NO_ERRORS = "e3pose: warning: ", "e3pose: compiling"
 
 @dataclass(frozen=True)
 class Trial:
-    """What one verb made of one input.
+    """Result of one verb on one input.
 
     Attributes:
         name: of the input.
@@ -66,7 +66,7 @@ class Ended(Exception):
 
 
 def measured(name: str, verb: str, run: Callable[[], str]) -> Trial:
-    """Run something; return what came of it."""
+    """Run a function and return the trial: its exit code, time and memory."""
     Path("/proc/self/clear_refs").write_text("5")  # the peak of memory from here on
     before_mb = peak_mb()
     begun_s = time.process_time()

@@ -87,7 +87,7 @@ def film(
 
 
 def cut(part: float, **options: Any) -> Make:
-    """Return what writes the first part of a video."""
+    """Make a writer of the first part of a video."""
 
     def make(path: Path) -> None:
         data = film(path, 40, **options).read_bytes()
@@ -97,7 +97,7 @@ def cut(part: float, **options: Any) -> Make:
 
 
 def patched(find: bytes, at: int, put: bytes, **options: Any) -> Make:
-    """Return what overwrites bytes of a video, `at` behind the first place of `find`."""
+    """Make a writer of a video with bytes overwritten `at` behind the first place of `find`."""
 
     def make(path: Path) -> None:
         data = bytearray(film(path, **options).read_bytes())
@@ -109,7 +109,7 @@ def patched(find: bytes, at: int, put: bytes, **options: Any) -> Make:
 
 
 def patched_everywhere(find: bytes, put: bytes, **options: Any) -> Make:
-    """Return what replaces bytes of a video."""
+    """Make a writer of a video with bytes replaced everywhere."""
 
     def make(path: Path) -> None:
         data = film(path, **options).read_bytes()
@@ -120,7 +120,7 @@ def patched_everywhere(find: bytes, put: bytes, **options: Any) -> Make:
 
 
 def jpeg_of(size: int) -> Make:
-    """Return what writes a film of JPEGs whose own headers state another size than the file's."""
+    """Make a writer of a film of JPEGs whose own headers state another size than the file's."""
     own = struct.pack(">HH", HEIGHT, WIDTH)
 
     def make(path: Path) -> None:
@@ -136,7 +136,7 @@ def jpeg_of(size: int) -> Make:
 
 
 def jpegs_of_scans(count: int) -> Make:
-    """Return what writes a film of JPEGs that go over a picture of 1920 x 1080 so many times."""
+    """Make a writer of a film of JPEGs that scan a picture of 1920 x 1080 so many times."""
 
     def make(path: Path) -> None:
         grey = np.full((1080, 1920, 3), 90, np.uint8)
@@ -206,7 +206,7 @@ VIDEOS: dict[str, tuple[str, Make]] = {
 
 
 def try_video(path: Path, name: str, init: bool) -> Iterator[Trial]:
-    """Give a video to those who read videos; `init` takes seconds with those that are good."""
+    """Give a video to all readers of videos; `init` takes seconds with good ones."""
     here = f"{Path(__file__).resolve()}:Nobody"
     dest = path.parent / "dest"
     yield tried(name, "detect", ["detect", str(path), str(dest), "--model", here])

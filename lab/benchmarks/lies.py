@@ -1,4 +1,4 @@
-"""What a camera with valid keys can say: every field of its messages at its extremes, and schemes.
+"""Lies of a camera with valid keys: every field of its messages at its extremes, and schemes.
 
 A lie changes honest messages just before they are sent.
 """
@@ -199,7 +199,7 @@ def _never(message: Any, n: int, dice: random.Random) -> None:
 
 
 def picture_schemes() -> list[Lie]:
-    """Return what a camera can answer to an operator who asks for its picture."""
+    """Return the false answers of a camera to an operator who asks for its picture."""
 
     def late(message: Picture, n: int, dice: random.Random) -> Picture:
         time.sleep(LATE_S)
@@ -222,7 +222,7 @@ def picture_schemes() -> list[Lie]:
 
 
 def schemes() -> list[Lie]:
-    """Return what a camera can do on purpose with several fields at once."""
+    """Return the schemes of a camera that lies in several fields at once."""
     late = _rising(late_orders=10)
 
     def slow(delay_s: float) -> Change:

@@ -30,7 +30,7 @@ READY_S = 6.0  # a camera starts
 
 
 def live(recording: Recording, policy: str, cameras: float) -> tuple[list[SlotRecord], int]:
-    """Return what a site stored of one round of the recording, and its lead."""
+    """Run a site on one round of the recording; return its stored records and its lead."""
     with tempfile.TemporaryDirectory(prefix="e3pose-live-") as name:
         site_file = write_recorded(Path(name) / "site", recording)
         settings = tomlkit.parse(site_file.read_text())

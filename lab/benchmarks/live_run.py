@@ -80,7 +80,7 @@ class Heard:
         self.beats[beat.camera_id] = beat
 
     def at_s(self, time_ns: int) -> float:
-        """Return what moment of the scene is shown at a time since 1970."""
+        """Return the moment of the scene, in seconds, that is shown at a time since 1970."""
         round_ns = round(self.length_s / self.pace * 1e9)
         return (time_ns - self.begin_ns) % round_ns / 1e9 * self.pace
 

@@ -42,7 +42,7 @@ RECEIVING, MAIN, TRANSPORT = "decoding", "rest", "transport"
 
 @dataclass
 class Sample:
-    """What the processes of a site held at one time."""
+    """Resources of the processes of a site at one time."""
 
     at_s: float
     edge_rss: int

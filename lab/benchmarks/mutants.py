@@ -295,7 +295,7 @@ def attempt(
     out: Path,
     measured: dict[bool, Any],
 ) -> dict[str, Any]:
-    """Return what became of one mutant: killed, survived, or no test runs its line."""
+    """Return the fate of one mutant: killed, survived, or no test runs its line."""
     path = Path(mutant["path"])
     source = path.read_text()
     span, inside = statement_at(source, mutant["line"])

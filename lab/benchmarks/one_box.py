@@ -54,7 +54,7 @@ WHOLE = (
 
 @dataclass
 class Found:
-    """What a site did in a while.
+    """Figures of a site over a stretch of time.
 
     Attributes:
         seconds: the while.
@@ -100,7 +100,7 @@ def site_file(folder: Path, model: Path, cameras: int, fps: float) -> Path:
 def measure(
     together: bool, cameras: int, fps: float, model: Path, seconds: float, whole: bool = False
 ) -> Found:
-    """Run a site and return what it did; `whole` decodes all pictures."""
+    """Run a site and return its figures; `whole` decodes all pictures."""
     with tempfile.TemporaryDirectory(prefix="e3pose-box-") as name:
         folder = Path(name)
         site = resolve_site(site_file(folder, model, cameras, fps))

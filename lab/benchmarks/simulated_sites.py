@@ -54,7 +54,7 @@ def records_of(seed: int, first: int, count: int) -> Iterator[Summary]:
 
 
 class Draws:
-    """What happens in the minutes of a day."""
+    """Random events in the minutes of a day."""
 
     def __init__(self, random: np.random.Generator, people: int) -> None:
         """Draw all of a day at once."""

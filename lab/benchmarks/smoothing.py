@@ -1,4 +1,4 @@
-"""What waiting is worth: error and jitter of poses at once, 200 ms later, and after the fact.
+"""Worth of waiting: error and jitter of poses at once, 200 ms later, and after the fact.
 
     python lab/benchmarks/smoothing.py --what panoptic pizza
 

@@ -1,3 +1,3 @@
-"""What measures, reproduces and trains e3pose: needed at no site."""
+"""Measurement, reproduction and training of e3pose: needed at no site."""
 
 __version__ = "0.1.0"

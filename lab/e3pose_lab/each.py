@@ -32,7 +32,7 @@ PROBLEM_LETTERS = 500
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a verb said of a recording.
+    """Result of a verb on a recording.
 
     Attributes:
         document: its JSON; empty where it failed.
@@ -47,7 +47,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is to be done.
+    """Recordings without a result, and the time that one takes.
 
     Attributes:
         to_do: recordings without a result.
@@ -87,7 +87,7 @@ def result_of(dest: Path, recording: Path, words: Sequence[str]) -> Path:
 
 
 def make_plan(dest: Path, recordings: Sequence[Path], words: Sequence[str]) -> Plan:
-    """Return what is to be done.
+    """Return the plan for recordings, of which some have a result.
 
     Raises:
         InputError: for a recording that is not there.
@@ -168,7 +168,7 @@ def run_one(words: tuple[str, ...], task: tuple[str, str]) -> Outcome:
 
 
 def _detect(folder: Path, made: Path, options: Sequence[str]) -> str:
-    """Make a recording of the films of a folder, unless it is made; return what went wrong."""
+    """Make a recording of the films of a folder, unless it is made; return the error, if any."""
     if made.is_dir():
         return ""
     films = sorted(str(path) for path in folder.iterdir() if path.suffix.lower() in FILMS)

@@ -27,7 +27,7 @@ WAIT_S = 30.0  # for a cluster to answer
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Who does the work.
+    """Processes or a Dask cluster that do the work.
 
     Attributes:
         jobs: processes; 1 works here, -1 uses every processor core.

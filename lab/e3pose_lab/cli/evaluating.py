@@ -59,7 +59,7 @@ MAX_JOBS = 1000
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class GridOptions:
-    """What to compare: every combination is a row."""
+    """Settings to compare: every combination is a row."""
 
     policies: str | None = None
     """Comma-separated: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,

@@ -23,7 +23,7 @@ OURS = ("error-by-lead.svg",)  # marks a folder of pictures as one that may be r
 @Parameter(name="*", group=Group("Histories", sort_key=1))
 @dataclass(frozen=True, kw_only=True)
 class HistoryOptions:
-    """What to predict, and from what."""
+    """Motion to predict, and the history to predict it from."""
 
     leads: str = "1,2,3,5,8,10,15"
     """Comma-separated numbers of slots ahead."""

@@ -28,7 +28,7 @@ SHIPPED_NAME = "shipped"
 @Parameter(name="*", group=Group("Training data", sort_key=1))
 @dataclass(frozen=True, kw_only=True)
 class DataOptions:
-    """What to learn from recordings."""
+    """Recordings to learn from, and how."""
 
     validate: Annotated[list[Path] | None, Parameter(consume_multiple=True, negative="")] = None
     """Validation recordings, never trained on; repeatable."""
@@ -187,7 +187,7 @@ def _settings(
 
 
 def _clip_settings(data: DataOptions, network: NetworkOptions, seed: int) -> ClipSettings:
-    """Return what to learn from each recording."""
+    """Return the settings of the clips of each recording."""
     from e3pose_lab.train.estimates import EstimateSettings
     from e3pose_lab.train.replayed import ReplayedSettings
     from e3pose_lab.train.training_clips import ClipSettings as Settings
@@ -212,7 +212,7 @@ def _progress() -> Progress:
 def _with_progress(
     wanted: ClipSettings, workers: Workers
 ) -> Callable[[Recording, int], list[Clip]]:
-    """Return what makes the training_clips of a recording, and shows how far it is."""
+    """Make a function that makes the training clips of a recording and shows its progress."""
     from e3pose_lab.train.training_clips import training_clips
 
     def motion(recording: Recording, shortest: int) -> list[Clip]:

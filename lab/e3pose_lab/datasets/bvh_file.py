@@ -39,7 +39,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bvh:
-    """What a file holds.
+    """Contents of a BVH file.
 
     Attributes:
         nodes: parents before their children.

@@ -54,7 +54,7 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
 
 
 def _devices(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """Return what every row saves on the paper's devices, and against the paper's 3 of 5."""
+    """Return the savings of every row on the paper's devices, and against the paper's 3 of 5."""
     return {
         f"{name} {heading}": [_cell(find(row, ("energy", "devices", name, key)), d) for row in rows]
         for name in PAPER_SAVINGS
@@ -68,7 +68,7 @@ def _devices(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
 
 
 def _asked(row: Mapping[str, Any]) -> str:
-    """Return what was asked for: cameras per slot, or at most so many millimetres."""
+    """Return the goal in words: cameras per slot, or at most so many millimetres."""
     target_mm = row.get("target_mm")
     if target_mm is not None:
         return f"{target_mm:g} mm"

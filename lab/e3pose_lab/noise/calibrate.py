@@ -135,7 +135,7 @@ def calibrate_noise(
 def all_camera_tracks(
     recording: Recording, num_slots: int, replayed: Replayed = iter
 ) -> tuple[list[tuple[Integers, Floats]], Floats]:
-    """Return what the estimator with a memory finds with all cameras on.
+    """Return the tracks of the estimator with a memory, all cameras on.
 
     Returns:
         The slots and joints of everybody who stays; `(num_cameras,)` the noise that it learned,

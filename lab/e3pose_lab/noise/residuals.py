@@ -52,7 +52,7 @@ class Observed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """What was compared, one row per keypoint.
+    """Residuals of keypoints, one row each.
 
     Attributes:
         errors_px: `(num_keypoints, 2)` keypoint minus reference, in pixels of an image of

@@ -25,7 +25,7 @@ BIAS_SLOTS = 25  # of one joint in one view, before its mean is called a bias
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewNoise:
-    """What one camera's keypoints are like.
+    """Noise of one camera's keypoints.
 
     Attributes:
         keypoints: how many were compared.

@@ -33,7 +33,7 @@ TIMED_PEOPLE = 4
 
 
 def motion_of(recording: Recording, progress: Progress = iter) -> Motion:
-    """Return what moved in a recording: its truth, else the tracks that all its cameras give.
+    """Return the motion of a recording: its truth, else the tracks of all its cameras.
 
     Args:
         recording: with or without truth.
@@ -136,7 +136,7 @@ def as_calibration(tallies: Tallies) -> dict[str, Any]:
 
 
 def describe_motion(motion: Motion, settings: PredictionSettings) -> dict[str, Any]:
-    """Return what was predicted: name, truth or estimates, frame rate, people and windows."""
+    """Describe the motion predicted: name, truth or estimates, frame rate, people and windows."""
     return {
         "recording": motion.name,
         "motion": motion.source,

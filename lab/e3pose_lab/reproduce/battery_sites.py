@@ -62,7 +62,7 @@ class SiteAsked:
 
 @dataclass(frozen=True, slots=True)
 class SiteFigures:
-    """What came of it.
+    """Figures of a site on batteries.
 
     Attributes:
         complete_h: hours for which C cameras were active in every slot.

@@ -117,7 +117,7 @@ def clip_feedback(sources: Sources, asked: FeedbackAsked) -> dict[str, WayFigure
 
 
 def _detected(name: str, folder: Path, slots: int) -> Recording:
-    """Return what a network finds in whole images."""
+    """Return the detections of a network in whole images."""
     clip = find_clip()
     assert clip is not None, "items say what they need"
     rig = load_rig(clip.calibration)

@@ -40,7 +40,7 @@ Track = Callable[
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run left.
+    """Result of a run: its report, and items skipped or failed.
 
     Attributes:
         page: the report.
@@ -129,7 +129,7 @@ def about(sources: Sources, workers: Workers, scale: Scale) -> dict[str, str]:
 
 
 def _lacks(item: Item, scale: Scale, sources: Sources) -> str:
-    """Return what an item cannot do without; empty if it has everything."""
+    """Return the data that an item lacks, in words; empty if it has everything."""
     broken = [sources.broken[name] for name in item.needs if name in sources.broken]
     if broken:
         return broken[0]

@@ -54,7 +54,7 @@ class LiveAsked:
 
 @dataclass(frozen=True, slots=True)
 class OverImage:
-    """What a camera saw in a slot, and the 3D poses of that slot in its image.
+    """Image of a camera in a slot, with the 3D poses of that slot projected into it.
 
     Attributes:
         camera: its name.
@@ -72,7 +72,7 @@ class OverImage:
 
 @dataclass(frozen=True, slots=True)
 class LiveFigures:
-    """What a site did, the mean per slot.
+    """Figures of a site, means per slot.
 
     Attributes:
         cameras_s: processor seconds of all cameras together.

@@ -38,7 +38,7 @@ def group_watts(profile: DeviceProfile, duty: float) -> dict[str, float]:
 
 
 def saving_percent(profile: DeviceProfile, duty: float) -> float:
-    """Return what a camera saves against one that is always active."""
+    """Return the percent of power that a camera saves against one that is always active."""
     return 100 * (1 - compared_watts(profile, duty) / compared_watts(profile, 1.0))
 
 

@@ -67,7 +67,7 @@ def _placed(record: SlotRecord) -> SlotRecord:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What to replay and how.
+    """Settings of a replay.
 
     Attributes:
         recording: `SHELF`, `SHELF_FEEDBACK`, `PIZZA`, `FRAGMENT`, `MOTION`, or a simulated scene.
@@ -119,7 +119,7 @@ READINGS = {
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What came of a replay.
+    """Figures of a replay.
 
     Attributes:
         pcp: by actor and `average`, by reading (`pcp_readings`); empty without labels of Shelf.
@@ -261,7 +261,7 @@ def idle_runs(used: NDArray[np.bool_]) -> tuple[int, ...]:
 
 
 def recording_of(sources: Sources, asked: Asked) -> Recording:
-    """Return what is replayed."""
+    """Return the recording to replay."""
     if asked.recording == SHELF:
         assert sources.shelf is not None, "items say what they need"
         return sources.shelf

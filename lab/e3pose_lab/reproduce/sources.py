@@ -36,7 +36,7 @@ WHERE = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sources:
-    """What there is to work on.
+    """Data sets at hand.
 
     Attributes:
         shelf: the Shelf sequence with detections and labels; None if it was not found.
@@ -71,7 +71,7 @@ class Sources:
 
     @property
     def detectors(self) -> dict[str, str]:
-        """What found the keypoints of Shelf, by data set, where the recording says so."""
+        """Detectors of the keypoints of Shelf, by data set, where the recording names one."""
         found = {SHELF: self.shelf, SHELF_FEEDBACK: self.feedback}
         return {name: each.detector for name, each in found.items() if each and each.detector}
 

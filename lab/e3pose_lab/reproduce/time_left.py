@@ -31,7 +31,7 @@ LINE_S = 60.0  # between two lines on a pipe
 
 
 class TimeLeft:
-    """What is left of pieces of work, by what each is expected to take and the pace so far.
+    """Time left for pieces of work, by their expected durations and the pace so far.
 
     Pieces that share the cores have a pace, and those that measure time, one after another at the
     end, another one.

@@ -190,7 +190,7 @@ def _work(sources: Sources, piece: AnyPiece) -> Any:
 
 
 def failure_of(name: str, error: Exception) -> Failed:
-    """Return what failed and why, in one line."""
+    """Return a failure with its name and cause, in one line."""
     said = " ".join(str(error).split())
     return Failed(f"{name}: {type(error).__name__}: {said}"[:MOST_SAID])
 

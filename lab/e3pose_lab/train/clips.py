@@ -126,7 +126,7 @@ def _balanced(clips: Sequence[Clip]) -> list[Clip]:
 def _factor(
     drawn: NDArray[np.float64], some: NDArray[np.bool_], others: NDArray[np.bool_], share: float
 ) -> float:
-    """Return what to multiply `some` by, so that they are `share` of these and `others`."""
+    """Return the factor of `some` that makes them `share` of these and `others`."""
     if not (some.any() and others.any()):
         return 1.0
     return float(share / (1 - share) * drawn[others].sum() / drawn[some].sum())

@@ -46,7 +46,7 @@ SOME_VIEWS = FusionSettings(refine_steps=0)  # the paper's DLT, as it runs in th
 
 @dataclass(frozen=True, slots=True)
 class EstimateSettings:
-    """What is made of the cameras.
+    """Settings of the estimates made of combinations of cameras.
 
     Attributes:
         combinations: camera combinations fused in a slot at most; all of them where there are no
@@ -63,7 +63,7 @@ class EstimateSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """What all chunks of a recording share: the cameras, the skeleton of detections, settings."""
+    """Common data of all chunks of a recording: cameras, skeleton of detections, settings."""
 
     rig: Rig
     skeleton: Skeleton
@@ -310,6 +310,6 @@ def _chunk(
 
 
 def views_of(recording: Recording, slot: int) -> dict[int, Poses2D]:
-    """Return what every camera saw in a slot; a lost view is not there."""
+    """Return the views of a slot by camera, without lost ones."""
     found = {camera: recording.view(slot, camera) for camera in range(len(recording.rig))}
     return {camera: view for camera, view in found.items() if view is not None}

@@ -186,7 +186,7 @@ class AttentionLstm(nn.Module):
 
 
 def evidence(features: Tensor, speed: Tensor) -> Tensor:
-    """Return what experts read: newest places in metres, then the motions before in decimetres.
+    """Return the inputs of the experts: newest places in metres, then past motions in decimetres.
 
     Args:
         features: `(history_slots, num_tracks, NUM_FEATURES)`.

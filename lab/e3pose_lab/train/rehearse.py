@@ -17,7 +17,7 @@ from e3pose.recording import Recording
 
 @dataclass(frozen=True, slots=True)
 class Rehearsed:
-    """What became of a slot.
+    """Result of a slot of a rehearsal.
 
     Attributes:
         slot: its index in the recording.

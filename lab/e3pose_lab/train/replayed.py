@@ -40,7 +40,7 @@ MIN_CAMERAS = 2
 
 @dataclass(frozen=True, slots=True)
 class ReplayedSettings:
-    """What is replayed.
+    """Settings of the replays to learn from.
 
     Attributes:
         replays: of every recording with truth; 0 for none.

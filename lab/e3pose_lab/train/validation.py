@@ -43,7 +43,7 @@ class Exam:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """What a network got in one exam.
+    """Errors of a network in one exam.
 
     Attributes:
         name: of the exam.

@@ -198,7 +198,7 @@ class Sampler:
     def _as_recorded(
         self, rng: np.random.Generator, clip: NDArray[np.int64], at: Floats, joints: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Return what `motion` does, of motion as recorded: every slot is an estimate drawn.
+        """Return the results of `motion` for recorded motion: every slot is an estimate drawn.
 
         A joint that the drawn estimate lacks is missing in the history, and is where all cameras
         see it in the target.
@@ -218,7 +218,7 @@ class Sampler:
 
 
 class Estimates:
-    """What estimators made of clips: in every slot of a window one estimate is drawn at random."""
+    """Estimates of clips: in every slot of a window one of them is drawn at random."""
 
     def __init__(self, clips: Sequence[Clip]) -> None:
         self.counts = np.array([0 if c.errors_m is None else c.errors_m.shape[1] for c in clips])

@@ -26,7 +26,7 @@ def shelf_pieces() -> list[Piece[SubsetsAsked, SubsetFigures]]:
 
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
-    """Return what is to be computed."""
+    """Return the pieces of work of this item."""
     return shelf_pieces()
 
 

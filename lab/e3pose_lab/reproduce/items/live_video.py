@@ -77,7 +77,7 @@ def section(scale: Scale, made: Made) -> Section:
 
 
 def _effect(plain: WayFigures, whole: WayFigures) -> str:
-    """Return what feedback does to the error against the network's own looks."""
+    """Return the effect of feedback on the error against the network's own looks."""
     change_mm = whole.error_mm[NETWORK] - plain.error_mm[NETWORK]
     return f"{'lowers' if change_mm < 0 else 'does not lower'} the error ({change_mm:+.1f} mm)"
 

@@ -24,7 +24,7 @@ def _people(scale: Scale) -> tuple[int, ...]:
 
 
 def _asked(scale: Scale) -> dict[tuple[str, int, str], MemoryAsked]:
-    """Return what is run by name of the policy, people and detector."""
+    """Return the runs by name of the policy, people and detector."""
     few = scale.quick
     asked = {
         (name, people, KEYPOINTS): MemoryAsked(

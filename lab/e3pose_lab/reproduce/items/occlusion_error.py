@@ -65,7 +65,7 @@ def motion_pieces(scale: Scale) -> list[Piece[SubsetsAsked, SubsetFigures]]:
 
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
-    """Return what is to be computed."""
+    """Return the pieces of work of this item."""
     return [*shelf_pieces(), *motion_pieces(scale)]
 
 

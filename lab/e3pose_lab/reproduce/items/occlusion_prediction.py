@@ -48,7 +48,7 @@ def _replays(name: str, lead: int) -> Asked:
 
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
-    """Return what is to be computed."""
+    """Return the pieces of work of this item."""
     made: list[AnyPiece] = []
     for predictor in PREDICTORS.values():
         made += [_boxes(scale, predictor), _times(scale, predictor)]

@@ -47,7 +47,7 @@ ROWS = {
 
 
 def _asked(scale: Scale) -> dict[tuple[str, str], tuple[Asked, int]]:
-    """Return what to replay and over how many seeds, by data and row."""
+    """Return the replays and their numbers of seeds, by data and row."""
     seconds = float(scale.of(30, 5))
     table = {
         ("motion", name): (replace(asked, seconds=seconds), scale.seeds(5, 1))

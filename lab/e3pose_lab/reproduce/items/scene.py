@@ -20,7 +20,7 @@ def _piece(scale: Scale) -> Piece[SceneAsked, Scene]:
 
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
-    """Return what is to be computed."""
+    """Return the pieces of work of this item."""
     return [_piece(scale)]
 
 
