@@ -111,10 +111,15 @@ def test_feedback_sets_the_region_and_poses_stay_where_they_are(
     cell_px = width / MAP_PX[0] / 4056 * 640
     assert frame.poses().keypoints_px[0, 0] == pytest.approx((200, 150), abs=cell_px)
     count = len(board.regions)
-    made.expect(ExpectedView(points + 2, np.ones(1)))
-    assert len(board.regions) == count, "somebody who hardly moved changes nothing"
-    made.expect(None)
-    assert board.regions[-1] == (0, 0, *SENSOR_PX)
+    for changed in (points + 8, points[:, :1] + 40):
+        made.expect(ExpectedView(changed, np.ones(1)))
+        assert len(board.regions) == count, "the region shows everybody, large enough"
+    made.expect(ExpectedView(points + 200, np.ones(1)))
+    assert len(board.regions) == count + 1 and board.regions[-1][0] > left
+    for nobody in (None, ExpectedView(np.zeros((0, 17, 2)), np.zeros(0))):
+        made.expect(ExpectedView(points, np.ones(1)))
+        made.expect(nobody)
+        assert board.regions[-1] == (0, 0, *SENSOR_PX)
 
 
 def test_regions_lie_on_the_sensor() -> None:

@@ -289,11 +289,12 @@ def test_a_sensor_that_detects_needs_no_network_and_feedback_steers_it() -> None
     assert node.settings.detector == "imx500" and node.settings.joints == COCO17.joints
     assert node.detector is None
     times = SlotTimes(clock.now_ns() - 10**8, 10**8)
-    somebody = ExpectedView(np.full((1, 17, 2), 9.0), np.ones(1))
-    node.schedule = Schedule(1, times, active={1: True, 2: True}, expected={2: somebody})
-    for slot in (1, 2):
+    near, far = (ExpectedView(np.full((1, 17, 2), px), np.ones(1)) for px in (9.0, 30.0))
+    active = {slot: slot != 3 for slot in (1, 2, 3, 4)}
+    node.schedule = Schedule(1, times, active=active, expected={2: near, 4: far})
+    for slot in (1, 2, 3):
         node._take(sensor.frame(times.middle_ns(slot)))
-    assert sensor.expected == [somebody, None]  # for the slots after these
+    assert sensor.expected == [near, far, far]  # for the active slots after these
     seen = node._frames.take()
     assert seen is not None
     node._look(seen)

@@ -571,8 +571,9 @@ class CameraNode:
             return
         self._newest = (schedule.session, slot)
         active = schedule.is_active(slot)
-        if self._steered is not None:  # the next frame is exposed by now or soon
-            self._steered.expect(schedule.expected.get(slot + 1))
+        ahead = [later for later, on in schedule.active.items() if on and later > slot]
+        if self._steered is not None and ahead:  # a change takes some frames
+            self._steered.expect(schedule.expected.get(min(ahead)))
         self._spending.begin_slot(active)
         if self.recorder is not None:
             frame = frame.shared()

@@ -21,6 +21,7 @@ from e3pose.base.errors import InputError
 from e3pose.base.system import since_boot_ns
 from e3pose.camera.base import LiveFrame, SourceSettings, taken_ns
 from e3pose.detectors.base import poses_in_image
+from e3pose.detectors.focus import boxes_of
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
@@ -144,8 +145,7 @@ MAP_PX = (192, 144)  # of the network's heat maps: where a keypoint is, row afte
 SENSOR_FPS, SENSOR_SIZE = 11.0, (640, 480)
 # After a change of the region so many frames may still be of the one before.
 SETTLING = 3
-# tuned: share of the region's side | not measured on a device | not measured
-MARGIN, MOVED = 0.5, 0.15
+LOOSE = 2  # definition: times as wide as wanted, at which people have half as many pixels
 # Share of the sensor's side: a smaller region has hardly more pixels than the network's input.
 LEAST_REGION = 0.25
 # Of picamera2's demonstration program, and of Newell et al. 2017.
@@ -199,10 +199,13 @@ class SensorSource(PicameraSource):
         return LiveFrame(captured_ns, self.size, held.image, poses=poses)
 
     def expect(self, expected: ExpectedView | None) -> None:
-        """See `SteeredSource.expect`; the region stays where people hardly moved in it."""
+        """See `SteeredSource.expect`; the region stays while it shows everybody large enough."""
         wanted = region_of(expected, self.size)
-        apart = np.abs(np.subtract(wanted, self._region)).max()
-        if apart > MOVED * max(self._region[2:]) or (expected is None and apart > 0):
+        if expected is not None and self._region[2] / LOOSE < wanted[2] < SENSOR_PX[0]:
+            places = np.clip(expected.keypoints_px / self.size, 0, 1) * SENSOR_PX - self._region[:2]
+            if not ((places < 0) | (places > self._region[2:])).any():
+                return
+        if wanted != self._region:
             self._set(wanted)
 
     def _set(self, region: tuple[int, int, int, int]) -> None:
@@ -234,12 +237,14 @@ def region_of(expected: ExpectedView | None, size: tuple[int, int]) -> tuple[int
     Returns:
         Left, top, width, height in pixels of the sensor.
     """
-    points = np.zeros((0, 2)) if expected is None else expected.keypoints_px.reshape(-1, 2)
-    points = points[np.isfinite(points).all(axis=1)]
-    if not len(points):
+    boxes = np.zeros((0, 4))
+    if expected is not None:
+        every, inside = boxes_of(expected, size)
+        boxes = every[inside]
+    if not len(boxes):
         return (0, 0, *SENSOR_PX)
-    low, high = points.min(axis=0) / size, points.max(axis=0) / size  # shares of the image
-    side = float(np.clip((high - low).max() * (1 + 2 * MARGIN), LEAST_REGION, 1.0))
+    low, high = boxes[:, :2].min(axis=0) / size, boxes[:, 2:].max(axis=0) / size
+    side = float(np.clip((high - low).max(), LEAST_REGION, 1.0))
     corner = np.clip((low + high) / 2 - side / 2, 0, 1 - side)
     left, top = (corner * SENSOR_PX).astype(int).tolist()
     return left, top, int(side * SENSOR_PX[0]), int(side * SENSOR_PX[1])

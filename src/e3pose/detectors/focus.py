@@ -367,7 +367,7 @@ def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) ->
     if expected is not None and uses_feedback(detector):
         height, width = image.shape[:2]
         if isinstance(detector, InBoxes):
-            inside, seen = _boxes(expected, (width, height))
+            inside, seen = boxes_of(expected, (width, height))
             if seen.any():
                 return detector.detect_in_boxes(image, inside[seen])
         else:
@@ -400,7 +400,7 @@ def look_at(
     Returns:
         Where; None for the whole image.
     """
-    boxes, sizes_px = _boxes(expected, image_size), _sizes_px(expected)
+    boxes, sizes_px = boxes_of(expected, image_size), _sizes_px(expected)
     part, relative_size = _part(boxes, sizes_px, image_size, network)
     if not getattr(network, "free_input", False):
         return part
@@ -455,7 +455,7 @@ def _input_pixels(part: Part | None, image_size: tuple[int, int], network: Input
     return width * height
 
 
-def _boxes(
+def boxes_of(
     expected: ExpectedView, image_size: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return `(num_persons, 4)` boxes with margins, cut at the image, and which are in it."""
