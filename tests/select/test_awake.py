@@ -26,6 +26,7 @@ from e3pose.select.awake import RestPlanner, needs_of
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.policies.base import Situation
 from e3pose.select.rest_plan import (
+    EMPTY_REST_S,
     FEWEST_AWAKE,
     FEWEST_WITH_PEOPLE,
     FIRST_REST_S,
@@ -172,13 +173,14 @@ def test_nobody_there_means_as_few_looks_as_find_a_newcomer_in_time() -> None:
     assert looks(0, True, 1.0) == looks(1, False, 1.0) == 2.0  # the first sign of somebody
 
 
-def test_rests_grow_while_nobody_needs_a_camera_and_end_one_after_the_other() -> None:
+def test_a_rest_after_which_nobody_needed_the_camera_is_followed_by_the_longest() -> None:
     leave = np.array([False, True, False, True, True])
     takes, rest_s = rested(costs(), NONE, leave, 1)
-    assert (takes == leave).all()
-    assert rest_s[1] == FIRST_REST_S and len(set(rest_s[leave].tolist())) == 3
-    again = next_rest_s(replace(NONE, rest_s=rest_s), 1)
-    assert (again >= rest_s)[leave].all() and again.max() <= LONGEST_REST_S
+    assert (takes == leave).all() and (rest_s == FIRST_REST_S).all()
+    after = replace(NONE, rest_s=np.where(leave, rest_s, 0.0))
+    for people, longest_s in ((1, LONGEST_REST_S), (0, EMPTY_REST_S)):
+        expected_s = np.where(leave, longest_s, FIRST_REST_S)
+        assert (next_rest_s(after, people) == expected_s).all()
 
 
 def test_who_would_wake_before_it_has_slept_stays_awake() -> None:
@@ -348,8 +350,8 @@ def test_who_sleeps_when_nobody_should_and_who_is_not_there_say_nothing() -> Non
 def test_no_rest_outlasts_the_time_until_everybody_is_awake() -> None:
     costs = rest_costs([12.5] * 3, [6.25] * 3, [Rest("suspended", 0.5, 0.5, 1.0, 0.2)] * 3)
     everybody = np.ones(3, dtype=bool)
-    leave, rest_s = rested(costs, RestMemory.none(3), everybody, 1, 5.0)
-    assert leave.all() and rest_s.max() == 5.0
+    leave, rest_s = rested(costs, RestMemory.none(3), everybody, 1, 3.0)
+    assert leave.all() and rest_s.max() == 3.0
     assert not rested(costs, RestMemory.none(3), everybody, 1, 1.0)[0].any()
 
 

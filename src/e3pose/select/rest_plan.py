@@ -14,7 +14,7 @@ plan that keeps it is taken, whatever the price; with a target error the cheapes
 Sets are made by leaving out, one after the other, the camera that is missed least, so that what
 takes two cameras is kept. Wanted are the looks that somebody asks for, and while nobody is there
 those that find people in time: who is awake and never looks finds nobody. A rest that ends with
-nothing to do is followed by a longer one.
+nothing to do is followed by the longest one.
 Method: `docs/explanation/camera-selection.md`.
 
 What rests cost in error is measured: in the last stretch of a round everybody is awake, and the
@@ -181,17 +181,12 @@ STRAY_HZ = 0.05  # of the error, if nothing around people is seen
 # tuned: share | simulated days of `two-rooms`, `ring` and `one-sided`, seeds 711 to 714,
 #   lab/experiments/2026-11-26-what-rests-cost.md | 3/4 loses up to 3.9 points of recall
 MOST_LATE = 0.5  # of `find_within_s`, that rests may find a newcomer later, on average
-# tuned: times | first guess: a rest that ends with nothing to do is followed by a longer one | not
-#   measured
-LONGER = 2.0
 TOLD_S = 60.0  # layout: of rests that save nothing, until operators are told
 FEWEST_AWAKE = 2  # definition: cameras that a person takes
 # Without a limit of watts: somebody walks out of the view of one.
 # tuned: cameras | simulated, `two-rooms`, seed 702 | 2: a quarter of the people are lost
 FEWEST_WITH_PEOPLE = 3
 LEAST_LOOKS = 0.1  # numerics: per slot
-# tuned: share of a rest | first guess: cameras that leave together come back over it | not measured
-STAGGER = 0.5
 # tuned: s | first guess: of the watts allowed, that may be owed or saved up, and over which they
 #   are paid back | not measured
 CREDIT_S, REPAY_S = 10.0, 5.0
@@ -387,7 +382,7 @@ def _costs_too_much(goal: RestGoal, needs: Needs, sets: Flags) -> Flags:
 def next_rest_s(memory: RestMemory, people: int) -> Floats:
     """Return `(num_cameras,)` seconds of each camera's next rest."""
     longest_s = LONGEST_REST_S if people else EMPTY_REST_S
-    return np.asarray(np.clip(LONGER * memory.rest_s, FIRST_REST_S, longest_s))
+    return np.where(memory.rest_s > 0, longest_s, FIRST_REST_S)
 
 
 def rested(
@@ -395,12 +390,9 @@ def rested(
 ) -> tuple[Flags, Floats]:
     """Return which cameras of `leave` rest, and `(num_cameras,)` for how many seconds.
 
-    They come back one after the other: somebody who came in meanwhile is then seen by more cameras
-    sooner. Who would wake before it has slept stays awake. No rest is longer than `most_s`.
+    Who would wake before it has slept stays awake. No rest is longer than `most_s`.
     """
-    order = np.cumsum(leave) - 1
-    rest_s = next_rest_s(memory, people) * (1 + STAGGER * order / max(int(leave.sum()), 1))
-    rest_s = np.minimum(rest_s, most_s)
+    rest_s = np.minimum(next_rest_s(memory, people), most_s)
     return np.asarray(leave & (rest_s > costs.lost_s)), rest_s
 
 
