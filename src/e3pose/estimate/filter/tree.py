@@ -42,10 +42,6 @@ class Habit(NamedTuple):
 TRUNK, STIFF = Habit(4.3, 0.78), Habit(2.9, 0.4)  # the body; spine, girdles and head
 
 
-# tuned: m/s2, s | motion capture and simulated, lab/experiments/2026-11-22-lag.md | not measured
-FACE = Habit(1.6, 0.4)
-
-
 # tuned: m/s2, s | motion capture and simulated, lab/experiments/2026-11-22-lag.md | 20 % more: 1 to
 #   2 % worse by the truth
 MIDDLE, END = Habit(6.2, 0.25), Habit(8.2, 0.2)  # elbows and knees; wrists and ankles
@@ -66,10 +62,10 @@ SMALL_TOE = Habit(4.0, 0.15, usual_m=0.09)
 HEEL = Habit(3.5, 0.15, usual_m=0.08)
 
 
-# Fingers move as small toes do and skin as eyes do; how far they are, skeletons say (`rest_m`).
+# Fingers move as small toes do, faces as heads; how far they are, skeletons say (`rest_m`).
 HABITS = {
-    "trunk": TRUNK, "stiff": STIFF, "face": FACE, "middle": MIDDLE, "end": END, "toe": TOE,
-    "small_toe": SMALL_TOE, "heel": HEEL, "finger": SMALL_TOE._replace(usual_m=0.0), "skin": FACE,
+    "trunk": TRUNK, "stiff": STIFF, "face": STIFF, "middle": MIDDLE, "end": END, "toe": TOE,
+    "small_toe": SMALL_TOE, "heel": HEEL, "finger": SMALL_TOE._replace(usual_m=0.0), "skin": STIFF,
 }  # fmt: skip
 
 
