@@ -11,7 +11,8 @@ from tests.reference import filter_bias
 from e3pose.base.arrays import Floats
 from e3pose.estimate.filter import repeated_errors
 from e3pose.estimate.filter.bias import memory_terms
-from e3pose.estimate.filter.lasting import MEMORY_S, MOST, SPAN, USUAL, Lasting, grown_m2
+from e3pose.estimate.filter.covariance_inflation import MEMORY_S
+from e3pose.estimate.filter.lasting import MOST, SPAN, USUAL, Lasting, grown_m2
 from e3pose.estimate.filter.outliers import MEASURED_SIGMAS
 from e3pose.estimate.filter.posterior import Grades
 from e3pose.estimate.filter.repeated_errors import (
@@ -103,7 +104,7 @@ def test_biases_count_as_far_as_they_are_larger_than_usual() -> None:
     assert after(USUAL / 2).excess == 0.0
     assert after(USUAL + SPAN / 2).excess == pytest.approx(0.5, abs=0.01)
     assert after(9.0).excess == MOST
-    assert 0 < after(USUAL + SPAN, 0.35).excess < after(USUAL + SPAN).excess
+    assert 0 < after(USUAL + SPAN).after(0.0, 0.1).excess < 1 - 0.1 / MEMORY_S * USUAL
 
 
 def test_slots_without_people_and_after_a_pause_say_nothing() -> None:

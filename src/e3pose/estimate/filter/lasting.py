@@ -21,15 +21,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from e3pose.base.arrays import Floats
+from e3pose.estimate.filter.covariance_inflation import MEMORY_S
 
 # tuned: share, share | lab/experiments/2026-11-24-smoothed-covariances.md | half and twice
 USUAL, SPAN = 0.40, 0.15  # of the share of biases: where g is 0, and from there where it is 1
 # tuned: factor | lab/experiments/2026-11-24-smoothed-covariances.md | half and twice
 MOST = 2.0  # g
-# tuned: s | not recorded | not measured
-MEMORY_S = 3.0  # of the mean share
-# tuned: s | not recorded | not measured
-PRIOR_S = 0.2  # that the usual share counts for in it
 # tuned: share | lab/experiments/2026-11-24-smoothed-covariances.md | in the radius by the truth of
 #   `lab`, all cameras: 81 %; 77 with 0.2, 45 with 0
 AT_ONCE = 0.25  # of g for poses that no later slot smooths: their own covariance is larger
@@ -44,8 +41,8 @@ class Lasting:
         seconds: that were added up.
     """
 
-    total: float = USUAL * PRIOR_S
-    seconds: float = PRIOR_S
+    total: float = 0.0
+    seconds: float = 0.0
 
     def after(self, share: float, passed_s: float) -> Lasting:
         """Return the mean with one more slot.
@@ -63,7 +60,7 @@ class Lasting:
 
     @property
     def share(self) -> float:
-        """The mean share."""
+        """The mean share; before there is one, the usual."""
         return self.total / self.seconds if self.seconds > 0 else USUAL
 
     @property
