@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.interpreted import interpreted
 from tests.reference.normalise import to_world
 
 from e3pose.base.arrays import Floats
 from e3pose.model.skeleton import BODY25, BODY_JOINTS, COCO17, SHELF14, SKELETONS
 from e3pose.predict.kernels.history import SPEED_FLOOR_M
 from e3pose.predict.normalise import COMMON_JOINTS, NUM_COMMON, common_columns
-from e3pose_lab.prediction.normalise import fill_gaps, normalise, to_common, to_person
+from e3pose_lab.prediction import normalise as histories
+from e3pose_lab.prediction.normalise import to_person
+
+# tests/lab/train has them compiled.
+fill_gaps = interpreted(histories.fill_gaps)
+normalise = interpreted(histories.normalise)
+to_common = interpreted(histories.to_common)
 
 
 def walk(num_slots: int = 10, num_tracks: int = 2, seed: int = 0) -> Floats:
