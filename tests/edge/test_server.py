@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.edge.one_process import QuickClock, Site, site_at_work, started
+from tests.manual_clock import ManualClock
 from tests.waiting import WAIT_S, eventually, settled
 
+from e3pose.base.clock import SlotTimes
 from e3pose.base.kernel import INTERPRETING
 from e3pose.edge import camera_state, server
 from e3pose.edge.consumers import Consumers
+from e3pose.edge.gather import Gather
 from e3pose.edge.precompile import Beside
 from e3pose.model.look_request import LookRequest
 from e3pose.pipeline import SlotRecord, step
@@ -26,8 +29,8 @@ from e3pose.store.rows import Event
 from e3pose.store.writer import WriterStatus
 from e3pose.wire import topics
 from e3pose.wire.arrays import unpack
-from e3pose.wire.codec import decode
-from e3pose.wire.messages import Order
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.messages import Heartbeat, Hello, Order
 
 pytestmark = pytest.mark.slow
 
@@ -308,6 +311,32 @@ def test_site_without_cameras_is_blind_and_its_slots_are_no_rest(site: Site) -> 
     for camera_id in site.recording.rig.camera_ids:
         site.start_camera(camera_id)
     assert eventually(lambda: bool(site.poses[-1].arrived))
+
+
+def test_slot_waits_for_ordered_cameras_while_they_are_there_and_no_longer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = ManualClock(10**18)
+    edge = started(tmp_path, clock=clock).make_edge()  # its threads are not
+    inbox, times = edge.inbox, SlotTimes(clock.now_ns() + edge.interval_ns, edge.interval_ns)
+    edge.orders.give(times, edge.state.slot, np.ones(3, dtype=bool), 1)
+    clock.advance(1.5 * edge.interval_ns / 1e9)
+    for camera in edge.pipeline.rig.cameras:
+        name, joints = camera.camera_id, edge.settings.skeleton.joints
+        hello = Hello(name, 1, joints, camera.image_size, 20.0)
+        beat = Heartbeat(name, 1, clock.now_ns(), "active")
+        inbox._hello(topics.of_camera("lab", name, "hello"), encode(hello))
+        inbox._heartbeat(topics.of_camera("lab", name, "heartbeat"), encode(beat))
+    naps: list[set[int]] = []
+
+    def one_leaves(gather: Gather, clock: object, until_ns: int, awaited: Sequence[int]) -> None:
+        naps.append(set(awaited))
+        gone = edge.pipeline.rig.camera_ids[-len(naps)]  # no fourth nap
+        inbox._presence(topics.of_camera("lab", gone, "alive"), False)
+
+    monkeypatch.setattr(Gather, "sleep", one_leaves)
+    assert edge._wait_for_views(times, edge.state.slot)
+    assert naps == [{0, 1, 2}, {0, 1}, {0}]
 
 
 def test_camera_that_ends_is_said_to_have_ended_and_comes_back(site: Site) -> None:
