@@ -92,7 +92,7 @@ class Identities:
     def none(cls, model: Model) -> Identities:
         """Return the identities before the first slot."""
         ids, times, places = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2))
-        kinds = np.zeros((0, len(_kinds(model))))
+        kinds = np.zeros((0, _kinds(model).shape[1]))
         nobody = Tracked(ids, ids, times, places, kinds, kinds)
         return cls(nobody, nobody)
 
@@ -231,28 +231,28 @@ def _left(gone: Tracked, before: Belief, belief: Belief, model: Model) -> Tracke
 def _shown(tracks: Integers, belief: Belief, model: Model) -> Tracked:
     rows = np.searchsorted(belief.track_ids, tracks)
     place = belief.state[rows, :, :2].mean(axis=1)
-    nothing = np.zeros((len(tracks), len(_kinds(model))))
+    nothing = np.zeros((len(tracks), _kinds(model).shape[1]))
     return Tracked(tracks, tracks, np.full(len(tracks), belief.time_s), place, nothing, nothing)
 
 
 def _lengths(belief: Belief, tracks: Integers, model: Model) -> tuple[Floats, Floats]:
     """Return `(num_tracks, num_kinds)` lengths and the slots that taught them, left with right."""
-    rows = np.searchsorted(belief.track_ids, tracks)
-    lengths, taught = np.zeros((2, len(rows), len(_kinds(model))))
-    for kind, bones in enumerate(_kinds(model)):
-        counts = belief.bone_counts[rows][:, bones]
-        total = counts.sum(axis=1)
-        lengths[:, kind] = (belief.bones_m[rows][:, bones] * counts).sum(axis=1)
-        lengths[:, kind] /= np.maximum(total, 1.0)
-        taught[:, kind] = total / max(len(bones), 1)
-    return lengths, taught
+    rows, kinds = np.searchsorted(belief.track_ids, tracks), _kinds(model)
+    counts = belief.bone_counts[rows]
+    total = counts @ kinds
+    lengths = (belief.bones_m[rows] * counts) @ kinds / np.maximum(total, 1.0)
+    return lengths, total / np.maximum(kinds.sum(axis=0), 1.0)
 
 
 @lru_cache(maxsize=64)
-def _kinds(model: Model) -> list[list[int]]:
-    """Return the bones of each kind, left and right as one; one empty kind where there are none."""
-    kinds = [np.flatnonzero(model.proportions.kinds == kind).tolist() for kind in range(len(KINDS))]
-    return [bones for bones in kinds if bones] or [[]]
+def _kinds(model: Model) -> Floats:
+    """Return `(num_bones, num_kinds)`: 1 where a bone is of a kind, which both sides share.
+
+    One kind, without bones, where there are none.
+    """
+    of_kind = model.proportions.kinds[:, None] == np.arange(len(KINDS))
+    found = of_kind.any(axis=0)
+    return np.where(of_kind[:, found if found.any() else [0]], 1.0, 0.0)
 
 
 def _not_among(known: Integers, tracks: Integers) -> list[int]:
