@@ -66,9 +66,9 @@ class PipelineOwner:
         if consumers.ledger is not None:
             estimate, changes = consumers.ledger.updated()
             self._charge(estimate)
-            titles = self.pipeline.rig.titles
-            events += [("energy", f"{titles[camera]}: {line}" if camera else line, camera)
-                       for camera, line in changes]  # fmt: skip
+            for camera, line in changes:
+                said = f"{self.pipeline.rig.titles[camera]}: {line}" if camera else line
+                events.append(("energy", said, camera))
         if consumers.learner is not None:
             consumers.learner.collect(record)
             if (better := consumers.learner.poll()) is not None:
