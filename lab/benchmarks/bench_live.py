@@ -28,7 +28,7 @@ PEOPLE, FPS = 4, 25.0
 JPEG_QUALITY = 75
 PAUSE_S = 0.036
 STEP_S = 10.0  # of a scene, for the step by itself
-TARGET_CPU = 0.06  # of a core, at 5 cameras and 25 slots per second
+TARGET_CPU = 0.10  # of a core, at 5 cameras and 25 slots per second
 
 
 def row(cameras: int, seconds: float) -> dict[str, float]:
