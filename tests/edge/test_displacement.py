@@ -48,6 +48,18 @@ def test_knock_is_reported_the_right_camera_and_nothing_before(calm: Recording) 
     assert watch_run(calm)[0] == []
 
 
+@each_case("late_slots", [1, 2])
+def test_camera_whose_views_are_late_has_not_moved(late_slots: int, calm: Recording) -> None:
+    watch, events = DisplacementWatch(calm.rig), []
+    for record in replay(calm, ReplaySettings(policy="all")):
+        views = dict(selected_views(calm, record.slot, record.arrived))
+        if (late := calm.view(max(record.slot - late_slots, 0), 1)) is not None:
+            views[1] = late
+        watch.observe(record, views)
+        events += watch.events()
+    assert events == []
+
+
 def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
     """Return votes of a camera that was turned, and a share of two people who were mixed up."""
     rng = np.random.default_rng(RNG_SEED)
@@ -57,7 +69,8 @@ def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
     offsets = rays[:, :2] / rays[:, 2:] - places + rng.normal(0, 0.003, (200, 2))
     wrong = rng.random(200) < others
     offsets[wrong] = rng.uniform(-0.2, 0.2, (int(wrong.sum()), 2))
-    return np.column_stack([np.linspace(0, seconds, 200), np.zeros(200), places, offsets])
+    still = np.zeros((200, 2))
+    return np.column_stack([np.linspace(0, seconds, 200), still[:, 0], places, offsets, still])
 
 
 @each_case("degrees", [0.0, 0.5, 2.0, 8.0])

@@ -4,7 +4,8 @@ Every pair of a person and a 2D pose whose joints differ by a constant offset vo
 whether they are the same person or not. If the camera stands as calibrated, votes cluster around
 zero; if it was turned, around one small rotation, which explains them over the whole image. Votes
 of different people scatter. Raw detections are compared, so that the estimator's outlier rejection
-hides no displaced camera.
+hides no displaced camera. Views that are late, by a clock or a buffer, show people where they were:
+that offset grows with their motion, and a delay that explains it is fitted beside the rotation.
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ MOST_OFFSET = 0.25  # normalised: 14 degrees
 NEAR = 0.012  # normalised: votes that agree, 0.7 degrees
 MIN_SHARE = 0.4  # of the poses of a view whose votes the rotation must explain
 ROLL_SIGMA = 0.03  # radians of roll, which people near the image centre determine badly
+LATE_SIGMA_S = 0.1  # of views, by a clock that is uncertain or a camera that buffers
+MOST_LATE_S = 0.075  # later ones tell too little of how a camera stands
 PARTS = 4  # of the window, in time, that must agree
 # Cameras of simulated rigs that stand as calibrated seem turned by up to 0.1 degrees, those of
 # a published calibration of a real room by up to 0.2.
@@ -60,7 +63,8 @@ class Votes:
     """Recent votes by camera.
 
     Attributes:
-        votes: by camera `(n, 6)`: seconds, number of the 2D pose, x, y and offset, normalised.
+        votes: by camera `(n, 8)`: seconds, number of the 2D pose, x, y, offset and motion of the
+            person a second, normalised.
     """
 
     votes: tuple[Floats, ...]
@@ -68,7 +72,7 @@ class Votes:
     @classmethod
     def begin(cls, num_cameras: int) -> Votes:
         """Return a watch without votes."""
-        return cls((np.zeros((0, 6)),) * num_cameras)
+        return cls((np.zeros((0, 8)),) * num_cameras)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,34 +123,49 @@ def observe(watch: Votes, rig: Rig, observations: Mapping[int, Sequence[Observat
 
 
 def _votes(camera: Camera, observations: Sequence[Observation]) -> Floats:
-    """Return `(n, 6)` votes (see `Votes`) of the matching people and poses of one slot."""
-    expected, found = _expected(camera, observations), _found(camera, observations)
+    """Return `(n, 8)` votes (see `Votes`) of the matching people and poses of one slot."""
+    (expected, motion), found = _expected(camera, observations), _found(camera, observations)
     people, poses = _pairs(observations)
     offsets = found[poses] - expected[people]  # (num_pairs, num_joints, 2)
     known = np.isfinite(offsets[..., 0]).sum(axis=-1) >= MIN_JOINTS
     if not known.any():
-        return np.zeros((0, 6))
-    offsets, poses = offsets[known], poses[known]
+        return np.zeros((0, 8))
+    offsets, poses, motion = offsets[known], poses[known], motion[people[known]]
     places = found[poses]
     middle = _medians(offsets)
-    scatter = _medians(np.abs(offsets - middle[:, None]).max(axis=-1, keepdims=True))[:, 0]
+    scatter = _medians(_farther(offsets - middle[:, None]))[:, 0]
     place = _medians(places)
-    height = 2 * _medians(np.abs(places - place[:, None]).max(axis=-1, keepdims=True))[:, 0]
+    height = 2 * _medians(_farther(places - place[:, None]))[:, 0]
     alike = (scatter < ALIKE * height) & (np.linalg.norm(middle, axis=1) < MOST_OFFSET)
     counts = [len(observation.view) for observation in observations]
     numbers = np.concatenate([np.arange(count) for count in counts])
     times_s = np.repeat([observation.time_s for observation in observations], counts)
-    return np.asarray(np.column_stack([times_s[poses], numbers[poses], place, middle])[alike])
+    votes = np.column_stack([times_s[poses], numbers[poses], place, middle, motion])
+    return np.asarray(votes[alike])
 
 
-def _expected(camera: Camera, observations: Sequence[Observation]) -> Floats:
-    """Return `(num_people, num_joints, 2)`: projections of accurate joints, normalised."""
+def _expected(camera: Camera, observations: Sequence[Observation]) -> tuple[Floats, Floats]:
+    """Return projections of accurate joints, normalised, and how people move in them a second.
+
+    Returns:
+        `(num_people, num_joints, 2)`, NaN where not accurate, and `(num_people, 2)`, 0 if unknown.
+    """
     joints_m = np.concatenate([observation.people.joints_m for observation in observations])
     sigma_m = np.concatenate([observation.people.sigma_m for observation in observations])
     in_camera = joints_m @ camera.R.T + camera.t
     with np.errstate(invalid="ignore", divide="ignore"):
         clear = (in_camera[..., 2:] > 0.1) & (sigma_m < MOST_SIGMA_M)[..., None]
-        return np.asarray(np.where(clear, in_camera[..., :2] / in_camera[..., 2:], np.nan))
+        expected = np.where(clear, in_camera[..., :2] / in_camera[..., 2:], np.nan)
+        velocity = np.concatenate([_velocity_mps(each.people) for each in observations])
+        velocity = velocity @ camera.R.T
+        motion = (velocity[..., :2] - expected * velocity[..., 2:]) / in_camera[..., 2:]
+    known = np.isfinite(motion)
+    total = np.where(known, motion, 0.0).sum(axis=1)
+    return expected, total / np.maximum(known.sum(axis=1), 1)
+
+
+def _velocity_mps(people: People) -> Floats:
+    return np.zeros_like(people.joints_m) if people.dynamics is None else people.dynamics[..., :3]
 
 
 def _found(camera: Camera, observations: Sequence[Observation]) -> Floats:
@@ -161,12 +180,13 @@ def _pairs(observations: Sequence[Observation]) -> tuple[Integers, Integers]:
     people, poses = [], []
     first_person = first_pose = 0
     for observation in observations:
-        person, pose = np.indices((len(observation.people), len(observation.view))).reshape(2, -1)
+        num_poses = len(observation.view)
+        person, pose = np.divmod(np.arange(len(observation.people) * num_poses), num_poses)
         people.append(first_person + person)
         poses.append(first_pose + pose)
         first_person, first_pose = (
             first_person + len(observation.people),
-            first_pose + len(observation.view),
+            first_pose + num_poses,
         )
     return np.concatenate(people), np.concatenate(poses)
 
@@ -181,11 +201,16 @@ def _medians(values: Floats) -> Floats:
     return np.asarray(np.sort(values, axis=1)[np.arange(len(values)), rows])
 
 
+def _farther(offsets: Floats) -> Floats:
+    """Return the larger part of each offset; a maximum over a last axis of two is slow."""
+    return np.asarray(np.maximum(*np.split(np.abs(offsets), 2, axis=-1)))
+
+
 def turned_deg(watch: Votes) -> tuple[Floats, Floats]:
     """Return `(num_cameras,)` degrees by which each camera seems turned, and lower bounds.
 
     NaN where too little is seen; the bound is the minimum over parts of the window, and 0 of a
-    camera that is turned by no more than `MOVED_DEG`.
+    camera that is turned by no more than `MOVED_DEG`, or whose views are later than `MOST_LATE_S`.
     """
     found = np.array([_turn(votes) for votes in watch.votes])
     return found[:, 0], found[:, 1]
@@ -207,48 +232,50 @@ def moved(degrees: Floats, least: Floats) -> Displacement | None:
 
 
 def _turn(votes: Floats) -> tuple[float, float]:
-    poses = len(np.unique(votes[:, 0] + 1j * votes[:, 1]))
+    poses = len(set(map(tuple, votes[:, :2].tolist())))
     if poses < MIN_VOTES or votes[-1, 0] - votes[0, 0] < SPAN_S:  # oldest first
         return np.nan, np.nan
-    offsets, slopes = votes[:, 4:], _slopes(votes[:, 2:4])
+    offsets, slopes = votes[:, 4:6], _slopes(votes[:, 2:4], votes[:, 6:])
     tried = offsets[:: -(-len(offsets) // MOST_TRIED)]
     # Axis by axis: a last axis of two is ten times as slow.
     x, y = (tried[:, axis, None] - offsets[:, axis] for axis in range(2))
     middle = tried[(x**2 + y**2 < NEAR**2).sum(axis=1).argmax()]  # with most neighbours
     good = np.linalg.norm(offsets - middle, axis=1) < 2 * NEAR
-    rotation = np.zeros(3)
+    fit = np.zeros(4)
     for _ in range(4):
-        rotation, before = _rotation(slopes[good], offsets[good]), good
-        good = np.linalg.norm(offsets - slopes @ rotation, axis=1) < 2 * NEAR
+        fit, before = _fit(slopes[good], offsets[good]), good
+        good = np.linalg.norm(offsets - slopes @ fit, axis=1) < 2 * NEAR
         if good.sum() < MIN_VOTES / 2:
             return np.nan, np.nan
         if (good == before).all():
             break
     if good.sum() < MIN_SHARE * poses:
         return np.nan, np.nan
+    rotation, late_s = fit[:3], abs(fit[3])
     size = float(np.linalg.norm(rotation))
-    if np.degrees(size) <= MOVED_DEG:
+    if np.degrees(size) <= MOVED_DEG or late_s > MOST_LATE_S:
         return float(np.degrees(size)), 0.0
     parts = np.array_split(np.flatnonzero(good), PARTS)
-    along = [float(_rotation(slopes[part], offsets[part]) @ rotation) / size for part in parts]
+    along = [float(_fit(slopes[part], offsets[part])[:3] @ rotation) / size for part in parts]
     return float(np.degrees(size)), float(np.degrees(min(along)))
 
 
-def _slopes(places: Floats) -> Floats:
-    """Return `(n, 2, 3)`: derivatives of normalised places by a small rotation of the camera."""
-    x, y = places.T
+def _slopes(places: Floats, motion: Floats) -> Floats:
+    """Return `(n, 2, 4)`: derivatives of normalised places by a small rotation, and by time."""
+    (x, y), (along_x, along_y) = places.T, motion.T
     return np.stack([
-        np.stack([x * y, -(1 + x * x), y], axis=-1),
-        np.stack([1 + y * y, -x * y, -x], axis=-1),
+        np.stack([x * y, -(1 + x * x), y, along_x], axis=-1),
+        np.stack([1 + y * y, -x * y, -x, along_y], axis=-1),
     ], axis=1)  # fmt: skip
 
 
-def _rotation(slopes: Floats, offsets: Floats) -> Floats:
-    """Return the rotation `(3,)` in radians that fits votes best, by least squares."""
-    rows = slopes.reshape(-1, 3)
+def _fit(slopes: Floats, offsets: Floats) -> Floats:
+    """Return the rotation in radians and the seconds `(4,)` that fit votes best."""
+    rows = slopes.reshape(-1, 4)
     normal, gradient = rows.T @ rows, rows.T @ offsets.reshape(-1)
     normal[2, 2] += (NEAR / ROLL_SIGMA) ** 2
-    return np.asarray(np.linalg.solve(normal + 1e-12 * np.eye(3), gradient))
+    normal[3, 3] += (NEAR / LATE_SIGMA_S) ** 2
+    return np.asarray(np.linalg.solve(normal + 1e-12 * np.eye(4), gradient))
 
 
 class WorldCheck:
