@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields as fields_of
 from functools import cache
 from operator import attrgetter
@@ -25,16 +26,16 @@ def changed(record: Record, **fields: Any) -> Record:
     """
     kind: Any = type(record)
     made: Record = object.__new__(kind)
-    put, (names, values_of) = object.__setattr__, _fields_of(kind)
-    for name, value in zip(names, values_of(record), strict=True):
-        put(made, name, value)
+    put, (copies, values_of) = object.__setattr__, _fields_of(kind)
+    for copy, value in zip(copies, values_of(record), strict=True):
+        copy(made, value)
     for name, value in fields.items():
         put(made, name, value)
     return made
 
 
 @cache
-def _fields_of(kind: Any) -> tuple[tuple[str, ...], attrgetter[tuple[Any, ...]]]:
-    """Return the names of a record's fields, and what reads them all."""
-    names = tuple(field.name for field in fields_of(kind))
-    return names, attrgetter(*names)
+def _fields_of(kind: Any) -> tuple[tuple[Callable[[Any, Any], None], ...], Callable[[Any], Any]]:
+    """Return the setters of a record's fields, and a reader of them all."""
+    names = [field.name for field in fields_of(kind)]
+    return tuple(getattr(kind, name).__set__ for name in names), attrgetter(*names)

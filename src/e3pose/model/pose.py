@@ -101,7 +101,7 @@ def checked_positions(
 def with_missing(
     positions: NDArray[Any], scores: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return what `checked_positions` does, of positions and scores that are as they must be."""
+    """Return valid positions and scores with NaN and score 0 where either is missing."""
     if scores.all() and np.isfinite(positions).all():  # nothing is missing
         return positions, scores
     present = (scores > 0) & np.isfinite(positions).all(axis=-1)
