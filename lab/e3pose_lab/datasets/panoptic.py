@@ -20,9 +20,10 @@ from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.recording.arrays import floats, integers, load_arrays
 from e3pose.recording.calibration import load_rig
 from e3pose.recording.calibration.opencv import WORLD_FROM_PANOPTIC as T_WORLD_PANOPTIC
-from e3pose.recording.detections.importing import Progress, frame_number, read_detections
+from e3pose.recording.detections.importing import Progress, read_detections
 from e3pose.recording.detections.views import MAX_SLOTS, poses_from_triples
 from e3pose.recording.record import MAX_PEOPLE
+from e3pose.recording.videos import frame_number
 
 Bodies = Mapping[int, Mapping[int, Floats]]  # frame number -> person -> (19, 4) cm and confidence
 

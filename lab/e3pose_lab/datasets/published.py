@@ -16,8 +16,9 @@ from e3pose.model.camera import Camera, Rig
 from e3pose.model.skeleton import SHELF14
 from e3pose.recording import Recording, Truth
 from e3pose.recording.calibration import load_rig
-from e3pose.recording.detections.importing import Progress, frame_number
+from e3pose.recording.detections.importing import Progress
 from e3pose.recording.json_lines import METRE_LIMIT
+from e3pose.recording.videos import frame_number
 from e3pose_lab.datasets.detected import detected_views
 
 LABELS = "actorsGT.mat"

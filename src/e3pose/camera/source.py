@@ -26,8 +26,7 @@ from e3pose.base.jpeg import check_picture
 from e3pose.base.threads import Found, OtherThread
 from e3pose.camera.decoding import ON_DEMAND, Coded, Intact, OnDemand, decoded
 from e3pose.camera.orientation import Orientation, display_orientation
-from e3pose.recording.detections.importing import frame_numbers
-from e3pose.recording.videos import chapters_of
+from e3pose.recording.videos import chapters_of, frame_numbers
 
 # Containers of moving pictures only: FFmpeg would also "play" a text file or follow a play list.
 CONTAINERS = (

@@ -1,4 +1,4 @@
-"""Videos of live cameras: names, times, and the recording they belong to."""
+"""Videos of live cameras: names, times, and the recording they belong to; numbers of frames."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from e3pose.base.bounded import read_toml
+from e3pose.base.errors import InputError
 from e3pose.base.private import make_folder
 from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES, put_header
 
@@ -19,6 +20,8 @@ PART_S = 600.0
 MAX_BYTES = 10**10
 NAME = re.compile(r"(.+)-(\d{8}T\d{6}\.\d{6})Z")
 NAME_TIME = "%Y%m%dT%H%M%S.%f"
+NUMBER = re.compile(r"\d{1,18}")
+MAX_NAME = 300
 BEGAN_1970 = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
@@ -115,3 +118,32 @@ def take_videos(recording: Path, videos: Mapping[str, Path]) -> None:
     table = dict(read_toml(recording / HEADER, MAX_HEADER_BYTES))
     table[VIDEOS] = {**table.get(VIDEOS, {}), **named}
     put_header(recording, table)
+
+
+def frame_numbers(names: Sequence[str]) -> list[int]:
+    """Return the frame number of each file name, such as 12 of `walk_000012_keypoints_2d.json`.
+
+    It is the last number that differs in all of them; of a single file the longest.
+
+    Raises:
+        InputError: for a name without a number.
+    """
+    found = []
+    for name in names:
+        # The length is checked first: a search takes time with it.
+        numbers = NUMBER.findall(name.rsplit(".", 1)[0]) if len(name) < MAX_NAME else []
+        if not numbers:
+            raise InputError(f"{name[:120]!r}: found no frame number in the file name")
+        found.append(numbers)
+    if len(found) == 1:
+        return [int(max(reversed(found[0]), key=len))]
+    for place in range(1, min(map(len, found), default=0) + 1):
+        numbers = [int(of_name[-place]) for of_name in found]
+        if len({*numbers}) == len(numbers):
+            return numbers
+    return [int(numbers[-1]) for numbers in found]
+
+
+def frame_number(name: str) -> int:
+    """Return the frame number of one file name, see `frame_numbers`; the last of equally long."""
+    return frame_numbers([name])[0]

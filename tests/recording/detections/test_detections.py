@@ -20,12 +20,12 @@ from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.detections.forms import MAX_FILE_BYTES, SUFFIXES
 from e3pose.recording.detections.importing import (
     ImportSettings,
-    frame_numbers,
     import_detections,
     read_detections,
 )
 from e3pose.recording.detections.layouts import LAYOUTS, named_layout
 from e3pose.recording.problems import find_problems
+from e3pose.recording.videos import frame_numbers
 
 K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]
 STRICT = ImportSettings(strict=True)

@@ -34,9 +34,8 @@ from e3pose.recording.detections.hdf5 import read_hdf5
 from e3pose.recording.detections.layouts import Layout, choose_layout, named_layout
 from e3pose.recording.detections.views import check_fps, poses_from_triples, series_from_frames
 from e3pose.recording.pairing import has_word, pair_names
+from e3pose.recording.videos import frame_number, frame_numbers
 
-NUMBER = re.compile(r"\d{1,18}")
-MAX_NAME = 300
 SHARE = 1.5  # keypoints within it are shares of the image, not pixels
 PAST = 0.5  # shares below its negative are counted from the middle
 PERCENT = 1.5  # scores above it are on another scale than 0 to 1
@@ -399,32 +398,3 @@ def _step(numbers: Sequence[int]) -> int:
         if step == 1:
             break
     return step or 1
-
-
-def frame_numbers(names: Sequence[str]) -> list[int]:
-    """Return the frame number of each file name, such as 12 of `walk_000012_keypoints_2d.json`.
-
-    It is the last number that differs in all of them; of a single file the longest.
-
-    Raises:
-        InputError: for a name without a number.
-    """
-    found = []
-    for name in names:
-        # The length is checked first: a search takes time with it.
-        numbers = NUMBER.findall(name.rsplit(".", 1)[0]) if len(name) < MAX_NAME else []
-        if not numbers:
-            raise InputError(f"{name[:120]!r}: found no frame number in the file name")
-        found.append(numbers)
-    if len(found) == 1:
-        return [int(max(reversed(found[0]), key=len))]
-    for place in range(1, min(map(len, found), default=0) + 1):
-        numbers = [int(of_name[-place]) for of_name in found]
-        if len({*numbers}) == len(numbers):
-            return numbers
-    return [int(numbers[-1]) for numbers in found]
-
-
-def frame_number(name: str) -> int:
-    """Return the frame number of one file name, see `frame_numbers`; the last of equally long."""
-    return frame_numbers([name])[0]
