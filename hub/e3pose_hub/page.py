@@ -18,9 +18,10 @@ from e3pose.base.errors import InputError
 from e3pose.base.rate_limit import Rate
 from e3pose.base.version import Watched
 from e3pose.site.web.access import Rules, token_of
+from e3pose.site.web.address import listening_at
 from e3pose.site.web.page import FILES as FILES_OF_SITE
 from e3pose.site.web.page import make_page
-from e3pose.site.web.server import PageServer, https_of, listening_at, serve
+from e3pose.site.web.server import PageServer, https_of, serve
 from e3pose.store.database import REFUSALS, refusal_of
 from e3pose.wire.endpoint import read_host_port
 from e3pose_hub.accesses import log_accesses

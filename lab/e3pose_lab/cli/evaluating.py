@@ -14,7 +14,6 @@ from cyclopts import Parameter
 
 from e3pose.base.errors import InputError
 from e3pose.base.quantities import check_within
-from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     GOAL,
     OUTPUT,
@@ -31,6 +30,7 @@ from e3pose.cli.options import (
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.placed import load_placed
 from e3pose.cli.progress import track_progress
+from e3pose.cli.replaying import FaultOptions
 from e3pose.edge.precompile import warm_up
 from e3pose.evaluate.detect_again import open_pixels
 from e3pose.evaluate.figures import Summary

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from cyclopts import Parameter
 
+from e3pose import __version__
 from e3pose.base.disk_list import DiskList
 from e3pose.base.errors import Exit, InputError
-from e3pose.base.quantities import duration_s, plural, shell
+from e3pose.base.quantities import age_s, duration_s, plural, shell, size_bytes
 from e3pose.base.system import num_cores
-from e3pose.cli.fault_options import FaultOptions
+from e3pose.cli.options import FAULTS as FAULT_GROUP
 from e3pose.cli.options import (
     GOAL,
     OUTPUT,
@@ -32,13 +35,14 @@ from e3pose.cli.options import (
     options_of,
     warn,
 )
+from e3pose.cli.options import STORE as STORE_GROUP
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.placed import load_placed, warn_of_problems
 from e3pose.cli.progress import bar, track_progress
 from e3pose.cli.smoothing import SmoothOptions
-from e3pose.cli.storing import StoreOptions, stored
 from e3pose.estimate.smooth.delayed import lag_slots
 from e3pose.evaluate.detect_again import open_pixels
+from e3pose.evaluate.faults import arriving, deaths_s, downsampled, parse_kill
 from e3pose.evaluate.figures import HeldOut, Summary, as_json
 from e3pose.evaluate.held_out import doubts_of, joined, judge, turns
 from e3pose.evaluate.poses_table import check_poses_path, write_poses
@@ -51,13 +55,17 @@ from e3pose.evaluate.smoothed import (
 )
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import print_summary
+from e3pose.model.skeleton import own_file
 from e3pose.output.exports import ExportSettings, export
 from e3pose.output.report import write_report
 from e3pose.recording.problems import HARMLESS
+from e3pose.settings.faults import Faults
 from e3pose.settings.limits import check_smooth_delay
 from e3pose.settings.parts import warnings_of
+from e3pose.store.rows import Run
 
 if TYPE_CHECKING:
+    from e3pose.energy.profiles import DeviceProfile, Mode
     from e3pose.estimate.base import Estimate, Posterior
     from e3pose.estimate.smooth import SmoothSettings
     from e3pose.evaluate.detect_again import PixelViews
@@ -65,8 +73,75 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording
     from e3pose.settings.energy import EnergyPlan
     from e3pose.settings.loop import ReplaySettings
+    from e3pose.store import Retention
 
     Step = Callable[[SlotRecord], SlotRecord]
+
+
+@Parameter(name="*", group=FAULT_GROUP)
+@dataclass(frozen=True, kw_only=True)
+class FaultOptions:
+    """Injected faults, for every verb that runs the loop."""
+
+    kill_camera: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = ()
+    """Fail a camera: CAMERA@SLOT or CAMERA@12.5s; repeatable. `each@SLOT` fails a different
+    camera in each repetition."""
+    loss: float = 0.0
+    """Share of selected views lost in the network; their energy is still spent."""
+    fps: float | None = None
+    """Resample the recording to this frame rate."""
+
+    def day(
+        self, recording: Recording, watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    ) -> Faults:
+        """Return the injected faults; raise `InputError` for impossible ones.
+
+        Args:
+            recording: as `downsampled` returns it.
+            watts: what each camera draws when active, and when not.
+        """
+        day = Faults(tuple(parse_kill(text) for text in self.kill_camera), self.loss, watts)
+        deaths_s(recording, day.kills)
+        arriving(len(recording.rig), day.loss, 0, 0)
+        return day
+
+    def downsampled(self, recording: Recording) -> Recording:
+        """Return the recording at the frame rate that is asked for."""
+        return recording if self.fps is None else downsampled(recording, self.fps)
+
+
+@Parameter(name="*", group=STORE_GROUP)
+@dataclass(frozen=True, kw_only=True)
+class StoreOptions:
+    """Where every slot is kept, for every verb that runs the loop."""
+
+    store: str | None = None
+    """Store every slot in this database, for `e3pose query`: a file such as `live.db`, or a URL."""
+    keep: str | None = None
+    """Retention: delete slots older than this, such as `30d` or `12h`."""
+    max_size: Annotated[str | None, Parameter(name="--max-size")] = None
+    """Retention: delete the oldest slots beyond this size, such as `20GB`."""
+
+    def file(self) -> Path | None:
+        """Return the file that the store is, None for a database elsewhere, or none at all."""
+        if self.store is None:
+            return None
+        from e3pose.store.database import database_path, database_url
+
+        return database_path(database_url(self.store))
+
+    def retention(self) -> Retention:
+        """Return the retention; raise `InputError` for a value that is no age or size."""
+        from e3pose.store import Retention
+
+        if self.store is None and (self.keep or self.max_size):
+            raise InputError("--keep, --max-size: found no --store, expected one to keep them in")
+        with as_typed({"": "--keep"}):
+            max_age_s = None if self.keep is None else age_s(self.keep)
+        with as_typed({"": "--max-size"}):
+            max_bytes = None if self.max_size is None else size_bytes(self.max_size)
+        return Retention(max_age_s, max_bytes)
+
 
 LOOP, ENERGY, FAULTS, STORE = LoopOptions(), EnergyOptions(), FaultOptions(), StoreOptions()
 SMOOTH = SmoothOptions()
@@ -352,3 +427,53 @@ class Smoother:
         if len(posteriors):
             return smooth_records(records, posteriors, skeleton, self._lag_slots, step)
         return smooth_poses(records, skeleton, interval_s, self._settings)
+
+
+def stored(
+    records: Iterable[SlotRecord],
+    options: StoreOptions,
+    recording: Recording,
+    name: str,
+    profiles: Sequence[DeviceProfile],
+    idle_mode: Mode,
+) -> Iterator[SlotRecord]:
+    """Yield records of a replay and keep each in the store that the options name, if they do.
+
+    Energy is what the profiles, one a camera, say of the cameras that were ordered; times count
+    from now.
+
+    Raises:
+        InputError: when the store cannot be written, at the start or before the end.
+    """
+    if options.store is None:
+        yield from records
+        return
+    from e3pose.store import StoreWriter, WriterSettings
+
+    run = Run(
+        site=recording.name,
+        name=name,
+        started_ns=time.time_ns(),
+        interval_s=recording.interval_s,
+        skeleton=recording.skeleton.name,
+        joints=recording.skeleton.joints,
+        cameras=tuple(camera.camera_id for camera in recording.rig.cameras),
+        software=f"e3pose {__version__}",
+        own_skeleton=own_file(recording.skeleton),
+    )
+    active_j = np.array([each.watts("active") for each in profiles]) * recording.interval_s
+    idle_j = np.array([each.watts(idle_mode) for each in profiles]) * recording.interval_s
+    settings = WriterSettings(retention=options.retention())
+    with StoreWriter(options.store, run, settings) as writer:
+        for record in records:
+            spent_j = np.where(record.selected, active_j, idle_j)
+            writer.append(record, energy_j=spent_j, wait=True)
+            yield record
+        writer.flush(60.0)
+        status = writer.status()
+    if status.problem is not None or status.shed:
+        raise InputError(
+            f"{Path(options.store).name}: {plural(status.spooled, 'row')} not stored, "
+            f"{status.shed} given up ({status.problem or 'no room'}), "
+            "expected a database that takes them all"
+        )

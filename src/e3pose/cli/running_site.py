@@ -23,6 +23,7 @@ from e3pose.site.example import make_example
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.screen import compiling_words, screen
 from e3pose.site.up import Program, run_site
+from e3pose.site.web.address import page_links, view_program
 
 if TYPE_CHECKING:
     from e3pose.settings.resolved import ResolvedSite
@@ -85,8 +86,6 @@ def up(
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
     page = None
     if view:
-        from e3pose.site.web.program import page_links, view_program
-
         page, address = view_program(resolved, folder, warn)  # first: a port is found at once
     options = () if delay is None else ("--delay", delay)
     measuring = Console(stderr=True).status("measuring the networks")

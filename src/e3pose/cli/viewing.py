@@ -12,6 +12,7 @@ from e3pose.cli.options import warn
 from e3pose.cli.running import Child, begin
 from e3pose.settings.resolved import resolve_site
 from e3pose.site.run import reduce_pauses
+from e3pose.site.web.address import page_links
 
 
 def view(
@@ -48,7 +49,7 @@ def view(
         Stop when standard input closes, a pipe from the parent process.
     """
     check_seconds("--for", for_s)
-    from e3pose.site.web.program import open_view, page_links
+    from e3pose.site.web.program import open_view
 
     begin(end_with_parent)
     resolved = resolve_site(site)

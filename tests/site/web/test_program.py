@@ -20,9 +20,9 @@ from e3pose.base.child_process import PASSES
 from e3pose.base.errors import InputError
 from e3pose.settings.site_file import DEFAULT_LISTEN
 from e3pose.site.up import end
-from e3pose.site.web import program
-from e3pose.site.web.program import address_of, open_view, take_port, view_program
-from e3pose.site.web.server import listening_at
+from e3pose.site.web import address as address_module
+from e3pose.site.web.address import address_of, listening_at, take_port, view_program
+from e3pose.site.web.program import open_view
 from e3pose.wire.endpoint import Endpoint
 from e3pose.wire.keys.folder import init_keys
 from e3pose.wire.keys.renewal import renew_keys
@@ -73,7 +73,7 @@ def test_default_port_that_is_taken_gives_way_to_the_next_free_one(
         assert other.proto == socket.IPPROTO_TCP, "by which asyncio lets answers leave at once"
         port = other.getsockname()[1]
         default = Endpoint("tcp", "127.0.0.1", port)
-        monkeypatch.setattr(program, "DEFAULT_LISTEN", default)
+        monkeypatch.setattr(address_module, "DEFAULT_LISTEN", default)
         site = write_site(tmp_path)
         nobody_asked = replace(site, view=replace(site.view, listen=default))
         address, listening = take_port(nobody_asked, report=told.append)

@@ -14,7 +14,7 @@ from e3pose.site.follow import LOCAL_OPERATOR, Follower, operator_of, viewer_lin
 from e3pose.site.ready import site_programs
 from e3pose.site.setup.session import SetupSession
 from e3pose.site.up import run_site
-from e3pose.site.web.program import page_links, view_program
+from e3pose.site.web.address import page_links, view_program
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.network import check_port, open_network
 from e3pose.wire.site_messages import Control, Controlled

@@ -11,7 +11,8 @@ from e3pose.settings.site_file import SITE_FILE
 from e3pose.site.setup.api import Table, setup_app
 from e3pose.site.setup.session import SetupSession
 from e3pose.site.web.access import Rules
-from e3pose.site.web.server import PageServer, listening_at, serve
+from e3pose.site.web.address import listening_at
+from e3pose.site.web.server import PageServer, serve
 from e3pose.site.web.tokens import Tokens, make_tokens
 from e3pose.wire.endpoint import read_host_port
 

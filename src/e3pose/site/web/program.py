@@ -12,18 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.base.child_process import PASSES
 from e3pose.base.errors import InputError
 from e3pose.base.version import Watched
 from e3pose.output.report.scene import FRUSTUM_SHARE, bounds, frustum, millimetres, neck
 from e3pose.settings.resolved import ResolvedSite
-from e3pose.settings.site_file import DEFAULT_LISTEN, SiteTable, load_site
-from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
+from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.site.follow import LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.joining import Joining
 from e3pose.site.keep.jobs import FILES, Jobs
 from e3pose.site.trial_notices import send_test
-from e3pose.site.up import Program, Role, view_command
 from e3pose.site.web.access import Rules
+from e3pose.site.web.address import Address, address_of, take_port
 from e3pose.site.web.app import PageContent, make_app
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
@@ -31,12 +30,11 @@ from e3pose.site.web.keep import Keeping
 from e3pose.site.web.notices import surroundings
 from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.postures import page_watch
-from e3pose.site.web.server import PageServer, https_of, listening_at, serve
+from e3pose.site.web.server import PageServer, https_of, serve
 from e3pose.site.web.tokens import PageTokens, Tokens, hub_tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store
 from e3pose.store.names import StoredNames
-from e3pose.wire.endpoint import is_loopback, read_host_port
 from e3pose.wire.network import open_network
 from e3pose.wire.topics import of_camera, of_control
 from e3pose.wire.transport import Transport
@@ -44,137 +42,6 @@ from e3pose.wire.transport import Transport
 ASK_S = 3.0  # for the edge to answer
 PICTURE_S = 1.0  # for a camera to answer
 NAMES_S = 5.0  # between two looks at names that others may have changed
-PORTS_TRIED = 20  # after the default one
-
-
-@dataclass(frozen=True, slots=True)
-class Address:
-    """Where a view listens, and how it is reached.
-
-    Attributes:
-        host: name or address.
-        port: of it; 0 for a free one.
-        certificate: of https; None for plain http.
-        key: of the certificate.
-        hosts: names by which browsers reach it.
-    """
-
-    host: str
-    port: int
-    certificate: Path | None
-    key: Path | None
-    hosts: frozenset[str]
-
-    @property
-    def url(self) -> str:
-        """Of its page."""
-        shown = "localhost" if self.host in ANY_HOST else self.host
-        return f"{'http' if self.certificate is None else 'https'}://{shown}:{self.port}/"
-
-
-def address_of(site: SiteTable, listen: str | None = None) -> Address:
-    """Return where the view of a site listens.
-
-    Args:
-        site: its file.
-        listen: in place of the file's.
-
-    Raises:
-        InputError: for an address beyond this machine that would be served in plain http.
-    """
-    table = site.view
-    at = table.listen if listen is None else read_host_port(listen, "--listen")
-    host, port = at.host, at.port
-    hosts = {"localhost", host.lower(), *(name.lower() for name in table.hosts)}
-    if at.here_alone:
-        return Address(host, port, None, None, frozenset(hosts))
-    hosts |= {socket.gethostname().lower(), socket.getfqdn().lower()}
-    certificate = key = None
-    if site.link.keys is not None:
-        certificate, key = (site.link.keys / name for name in ("edge.pem", "edge.key"))
-    if certificate is None or key is None or not (certificate.is_file() and key.is_file()):
-        if not table.insecure:
-            raise InputError(
-                "view.listen" if listen is None else "--listen",
-                f"{at.place}, plain http beyond this machine",
-                "127.0.0.1:PORT, `keys` under [link] for https, or insecure = true under [view]",
-                str(site.path),
-            )
-        certificate = key = None
-    return Address(host, port, certificate, key, frozenset(hosts))
-
-
-def take_port(
-    site: SiteTable,
-    listen: str | None = None,
-    report: Callable[[str], object] = lambda line: None,
-    fixed: bool = True,
-) -> tuple[Address, socket.socket]:
-    """Return where the view of a site listens, and the socket that has the port.
-
-    Where the port is taken, it is the next free one, if nobody asked for that one.
-
-    Args:
-        site: its file.
-        listen: in place of the file's.
-        report: called with a line about another port.
-        fixed: whether a port that the file or `listen` names is the only one.
-
-    Raises:
-        InputError: for a port that is taken, and as `address_of` does.
-    """
-    address = address_of(site, listen)
-    asked = fixed and (listen is not None or site.view.listen is not DEFAULT_LISTEN)
-    advice = "or choose another with --listen, or listen under [view] of the site file"
-    last = address.port + (0 if asked or address.port == 0 else PORTS_TRIED)
-    for port in range(address.port, min(last, 65535) + 1):
-        try:
-            listening = listening_at(address.host, port, advice)
-        except InputError:
-            if port == last:
-                raise
-            continue
-        found = listening.getsockname()[1]
-        if address.port not in (0, found):
-            report(f"port {address.port} is in use: the page is at port {found}")
-        return replace(address, port=found), listening
-    raise AssertionError("the last port raises")
-
-
-def view_program(
-    site: ResolvedSite, logs: Path, report: Callable[[str], object], fixed: bool = True
-) -> tuple[Program, Address]:
-    """Return the program that serves the page of a site, and its address, whose port it has.
-
-    Args:
-        site: what its file says.
-        logs: folder of its log.
-        report: see `take_port`.
-        fixed: likewise.
-    """
-    address, listening = take_port(site.file, report=report, fixed=fixed)
-    options, passed = ["--socket", str(listening.fileno())], [listening]
-    if not PASSES:
-        options, passed = ["--listen", f"{address.host}:{address.port}"], []
-        listening.close()
-    command = view_command(site.file.path, *options)
-    return Program("view", command, logs / "view.log", passed, role=Role.PAGE), address
-
-
-def page_links(site: SiteTable, address: Address) -> list[str]:
-    """Return the addresses of the pages, a line each, with their tokens.
-
-    Args:
-        site: its file.
-        address: where its view listens.
-    """
-    tokens = open_tokens(site.view.tokens)
-    reading = rules_of(site, address, tokens).open_reading
-    token = "" if reading else f"#token={tokens.read}"
-    return [
-        f"See the site:     {address.url}{token}",
-        f"Control the site: {address.url}#token={tokens.write}",
-    ]
 
 
 @dataclass(slots=True, eq=False)
@@ -329,15 +196,13 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[PageTok
         address: where it listens.
         tokens: of the site.
     """
-    proxies = frozenset(site.view.proxies)
-    # Behind a proxy, those on loopback are from anywhere.
-    here = is_loopback(address.host) and not proxies
+    here = address.is_open(site)
     return Rules(
         PageTokens(tokens, tuple(hub_tokens(site).values())),
         address.hosts,
         here,
         address.certificate is not None,
-        proxies,
+        frozenset(site.view.proxies),
         here,
     )
 

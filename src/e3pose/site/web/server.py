@@ -1,8 +1,7 @@
-"""Serve a page until it is closed: where it listens, its https, the bounds of its connections."""
+"""Serve a page until it is closed: its https, the bounds of its connections."""
 
 from __future__ import annotations
 
-import errno
 import socket
 import ssl
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from typing import TypeVar
 from starlette.types import ASGIApp
 
 from e3pose.base.errors import Fault, InputError
-from e3pose.base.listener import Bounds, open_socket, port_in_use
+from e3pose.base.listener import Bounds
 from e3pose.base.version import Watched
 from e3pose.site.run import run_until_stopped
 from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
@@ -82,27 +81,6 @@ def serve(
     """
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
     return Serving(Door(app, rules), listening, bounds, secure)
-
-
-def listening_at(
-    host: str, port: int, advice: str = "or choose another with --listen"
-) -> socket.socket:
-    """Return a socket that listens where `--listen` says.
-
-    Args:
-        host: name or address of this machine.
-        port: of it; 0 for a free one.
-        advice: what else to do where the port is taken.
-
-    Raises:
-        InputError: naming a port that is taken, or an address of another machine.
-    """
-    try:
-        return open_socket(host, port)
-    except OSError as error:
-        if error.errno != errno.EADDRINUSE:
-            raise InputError("--listen", f"{host}:{port}", "an address of this machine") from None
-        raise InputError(port_in_use(port, advice)) from None
 
 
 def https_of(
