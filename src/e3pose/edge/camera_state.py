@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -611,14 +611,10 @@ def states_of(standings: Integers, answers: Answers, answering: Flags) -> Intege
         answers: how they answer their orders.
         answering: `(num_cameras,)` cameras that the failure detector has not given up.
     """
-    good, ready = answers.reliable.tolist(), int(READY)
-    rows = [*zip(standings.tolist(), good, answering.tolist(), strict=True)]
-    enough = sum(reliable for state, reliable, _ in rows if state == ready) >= LEAST_RELIABLE
-    if_ready = [
-        int(ON_TRIAL) if enough and not reliable else ready if answers_ else int(SUSPECTED)
-        for _, reliable, answers_ in rows
-    ]
-    return np.where(standings == ready, if_ready, standings)
+    ready, reliable = standings == int(READY), answers.reliable
+    on_trial = ~reliable & ((reliable & ready).sum() >= LEAST_RELIABLE)
+    found = np.where(answering, int(READY), int(SUSPECTED))
+    return np.where(ready, np.where(on_trial, int(ON_TRIAL), found), standings)
 
 
 def after_slot(
@@ -633,62 +629,48 @@ def after_slot(
         interval_s: seconds per slot.
         fair: whether the edge keeps up, so that cameras are to blame for what they do not deliver.
     """
+    ordered, arrived = turn.ordered & turn.online, turn.arrived
     came, ages_s = turn.views > before.views, before.ages_s.copy()
     for camera in np.flatnonzero(came).tolist():
-        newest_s = turn.ages_s[camera] if turn.arrived[camera] else np.inf
+        newest_s = turn.ages_s[camera] if arrived[camera] else np.inf
         ages_s[camera, turn.views[camera] % NEWEST_AGES] = newest_s
-    blind_slots = 0 if turn.arrived.any() else before.blind_slots + 1
-    shared = blind_slots < BLIND_SLOTS
-    now = turn.ordered, turn.online, turn.arrived, came, turn.views_late, turn.orders_late, given_up
-    numbers: list[tuple[float, ...]] = []  # of a handful of cameras: NumPy takes twice as long
-    for (asked, online, arrived, comes, late, excuse, gone), was in zip(
-        zip(*(flags.tolist() for flags in now), strict=True),
-        zip(*(values.tolist() for values in _numbers(before)), strict=True),
-        strict=True,
-    ):
-        (
-            share,
-            unanswered_s,
-            silent,
-            seldom_s,
-            orders,
-            delivered,
-            delivered_late,
-            short,
-            settled_s,
-        ) = was
-        ordered = asked and online
-        if ordered and shared:
-            share += (arrived - share) / SHARE_ORDERS
-        counted = ordered and not excuse and fair
-        orders = 0.0 if gone else min(orders + counted, DELIVERY_ORDERS)
-        weight = 1 / max(orders, 1.0) if counted else 0.0
-        delivered += weight * (arrived - delivered)
-        known, settled = orders >= MIN_ORDERS, settled_s >= SETTLED_S
-        too_few, enough = known and delivered < SHORT and settled, known and delivered >= ENOUGH
-        changes = enough if short else too_few
-        numbers.append((
-            share,
-            0.0 if arrived else unanswered_s + interval_s * ordered,
-            0 if comes else silent + ordered,
-            seldom_s + interval_s * online if share < RELIABLE else 0.0,
-            orders,
-            delivered,
-            delivered_late + weight * (late - delivered_late),
-            short ^ changes,
-            0.0 if changes else settled_s + interval_s,
-        ))  # fmt: skip
-    values = dict(zip(_NUMBERS, np.array(numbers, dtype=np.float64).reshape(-1, 9).T, strict=True))
-    values |= {"silent": values["silent"].astype(np.int64), "short": values["short"] > 0}
-    news = {"ages_s": ages_s, "views": turn.views, "late": turn.late, "blind_slots": blind_slots}
-    return changed(before, **values, **news)
+    blind_slots = 0 if arrived.any() else before.blind_slots + 1
+    share = before.share
+    if blind_slots < BLIND_SLOTS:
+        share = np.where(ordered, share + (arrived - share) / SHARE_ORDERS, share)
+    unreliable = share < RELIABLE
+    return changed(
+        before,
+        **_delivered(before, ordered & ~turn.orders_late & fair, turn, given_up, interval_s),
+        share=share,
+        unanswered_s=np.where(arrived, 0.0, before.unanswered_s + interval_s * ordered),
+        silent=np.where(came, 0, before.silent + ordered),
+        seldom_s=np.where(unreliable, before.seldom_s + interval_s * turn.online, 0.0),
+        ages_s=ages_s,
+        views=turn.views,
+        late=turn.late,
+        blind_slots=blind_slots,
+    )
 
 
-_NUMBERS = (
-    "share", "unanswered_s", "silent", "seldom_s",
-    "orders", "delivered", "delivered_late", "short", "settled_s",
-)  # fmt: skip
-_numbers = attrgetter(*_NUMBERS)
+def _delivered(
+    before: Answers, counted: Flags, turn: Turn, given_up: Flags, interval_s: float
+) -> dict[str, Any]:
+    """Return the new delivery of cameras, by field; a returned camera is counted anew."""
+    orders = np.where(given_up, 0, np.minimum(before.orders + counted, DELIVERY_ORDERS))
+    weight = np.where(counted, 1 / np.maximum(orders, 1), 0.0)
+    share = before.delivered + weight * (turn.arrived - before.delivered)
+    known, settled = orders >= MIN_ORDERS, before.settled_s >= SETTLED_S
+    too_few, enough = known & (share < SHORT) & settled, known & (share >= ENOUGH)
+    changed = np.where(before.short, enough, too_few)
+    return {
+        "orders": orders,
+        "delivered": share,
+        "delivered_late": before.delivered_late
+        + weight * (turn.views_late - before.delivered_late),
+        "short": before.short ^ changed,
+        "settled_s": np.where(changed, 0.0, before.settled_s + interval_s),
+    }
 
 
 # What follows from the answers.
