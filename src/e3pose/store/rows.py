@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,7 +139,6 @@ def slot_rows(
     record: SlotRecord,
     time_ns: int,
     energy_j: Floats | None = None,
-    people: Sequence[Row] | None = None,
 ) -> list[Row]:
     """Return the rows of one slot.
 
@@ -147,11 +146,11 @@ def slot_rows(
         record: what the slot left behind.
         time_ns: when it was captured, since 1970, UTC.
         energy_j: `(num_cameras,)` joules that the slot is charged with, where known.
-        people: its rows of `pose_rows`; None to make them.
 
     Raises:
         InputError: when the parts do not fit together.
     """
+    people = record.people
     if energy_j is not None and np.shape(energy_j) != record.selected.shape:
         raise InputError(
             f"slot {record.slot}: energy: found shape {np.shape(energy_j)}, "
@@ -169,48 +168,31 @@ def slot_rows(
         "took_s": float(sum(record.stage_s.values())),
         "blind": record.blind,
     }
-    people = pose_rows([record], [time_ns])[0] if people is None else people
-    return [("slots", slot), *people]
-
-
-def pose_rows(records: Sequence[SlotRecord], times_ns: Sequence[int]) -> list[list[Row]]:
-    """Return the rows of the people of each slot: those of many slots are converted together."""
-    people = [record.people for record in records]
-
-    def blobs(parts: Sequence[NDArray[Any]], form: Callable[[Any], NDArray[Any]]) -> list[bytes]:
-        return [row.tobytes() for row in form(np.concatenate(parts))]
-
-    ids = np.concatenate([each.track_ids for each in people]).tolist()
-    joints_m = blobs([each.joints_m for each in people], lambda m: m.astype("<f4"))
-    scores = blobs([each.scores for each in people], _halves)
-    sigma_m = blobs([each.sigma_m for each in people], lambda m: m.astype("<f2"))
-    measured = blobs([each.measured for each in people], lambda m: np.packbits(m, axis=-1))
-    moving = [each.dynamics for each in people if each.dynamics is not None]
-    dynamics = iter(blobs(moving, packed) if moving else ())
-    found, end = list[list[Row]](), 0
-    for record, time_ns, each in zip(records, times_ns, people, strict=True):
-        begin, end = end, end + len(each)
-        sure, moves = not np.isnan(each.sigma_m).all(), each.dynamics is not None
-        rows = [
-            {
-                "slot": record.slot,
-                "track_id": ids[row],
-                "time_ns": time_ns,
-                "joints_m": joints_m[row],
-                "scores": scores[row],
-                "sigma_m": sigma_m[row] if sure else None,
-                "measured": measured[row],
-                "dynamics": next(dynamics) if moves else None,
-            }
-            for row in range(begin, end)
-        ]
-        found.append([("poses", row) for row in rows])
-    return found
-
-
-def _halves(scores: Floats) -> NDArray[Any]:
-    """Return scores in half precision, which would take a very small one for a missing joint."""
-    return np.where(scores > 0, np.maximum(scores, SMALLEST_SCORE), 0.0).astype("<f2")
+    rows: list[Row] = [("slots", slot)]
+    joints_m = people.joints_m.astype("<f4")
+    # Half precision would take a very small score for a missing joint.
+    scores = people.scores
+    scores = np.where(scores > 0, np.maximum(scores, SMALLEST_SCORE), 0.0).astype("<f2")
+    sigma = None if np.isnan(people.sigma_m).all() else people.sigma_m.astype("<f2")
+    measured = np.packbits(people.measured, axis=-1)
+    dynamics = None if people.dynamics is None else packed(people.dynamics)
+    for person, track_id in enumerate(people.track_ids.tolist()):
+        rows.append(
+            (
+                "poses",
+                {
+                    "slot": record.slot,
+                    "track_id": track_id,
+                    "time_ns": time_ns,
+                    "joints_m": joints_m[person].tobytes(),
+                    "scores": scores[person].tobytes(),
+                    "sigma_m": None if sigma is None else sigma[person].tobytes(),
+                    "measured": measured[person].tobytes(),
+                    "dynamics": None if dynamics is None else dynamics[person].tobytes(),
+                },
+            )
+        )
+    return rows
 
 
 def event_row(event: Event, number: int) -> Row:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -31,7 +31,6 @@ from e3pose.store.rows import (
     Run,
     energy_row,
     event_row,
-    pose_rows,
     slot_rows,
     zone_row,
 )
@@ -297,10 +296,8 @@ class StoreWriter:
         rows: list[Row] = []
         waiting: list[threading.Event] = []
         first = newest = NO_SLOT
-        number = min(len(self._items), self.settings.commit_slots)
-        items = [self._items.popleft() for _ in range(number)]
-        people = iter(_people([item for item in items if isinstance(item, _Slot)]))
-        for item in items:
+        for _ in range(min(len(self._items), self.settings.commit_slots)):
+            item = self._items.popleft()
             if isinstance(item, threading.Event):
                 waiting.append(item)
                 continue
@@ -311,7 +308,7 @@ class StoreWriter:
                 if self._minutes is not None:
                     self._minutes.present(item)
                 continue
-            rows += self._encode(item, next(people) if isinstance(item, _Slot) else None)
+            rows += self._encode(item)
             time.sleep(0)  # lets the loop have the interpreter in the middle of a batch
         lost_rows = self._saver.spool.lost_rows
         shed, lost = self._shed - self._reported_shed, lost_rows - self._reported_lost
@@ -338,12 +335,10 @@ class StoreWriter:
             self._say("store-error", f"no more summaries: {type(error).__name__}: {error}")
             return []
 
-    def _encode(
-        self, item: _Slot | Event | EnergyReading | ZoneEvent, people: list[Row] | None = None
-    ) -> list[Row]:
+    def _encode(self, item: _Slot | Event | EnergyReading | ZoneEvent) -> list[Row]:
         try:
             if isinstance(item, _Slot):
-                return slot_rows(item.record, item.time_ns, item.energy_j, people)
+                return slot_rows(item.record, item.time_ns, item.energy_j)
             if isinstance(item, EnergyReading):
                 return [energy_row(item)]
             if isinstance(item, ZoneEvent):
@@ -360,11 +355,3 @@ class StoreWriter:
         self._notes.append(event)
         if self._report is not None:
             self._report(event)
-
-
-def _people(slots: Sequence[_Slot]) -> list[list[Row] | None]:
-    """Return the rows of the people of each slot; None where not all of them can be converted."""
-    try:
-        return [*pose_rows([slot.record for slot in slots], [slot.time_ns for slot in slots])]
-    except (InputError, ValueError, TypeError):
-        return [None] * len(slots)
