@@ -63,7 +63,8 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = folder / "site.toml"
     path.write_text(text + "".join(CAMERA.format(id=i, record=r) for i, r in RECORD.items()))
     site = resolve_site(path)  # `up` has no need to measure for seconds how quick it is
-    save_times(folder / KEPT, workloads_of(site), DetectionTimes(*np.full((2, 4), 0.01)))
+    times = DetectionTimes(np.full(4, 0.01), np.full(4, 0.01), (4 / 3,) * 4)
+    save_times(folder / KEPT, workloads_of(site), times)
     with running(path, folder / "up.log", "--quiet") as (program, _):
         recordings = folder / "recordings"
         assert eventually(

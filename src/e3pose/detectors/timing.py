@@ -40,6 +40,11 @@ class Workload:
     threads: int | None = None
     image_size: tuple[int, int] = DEFAULT_SIZE
 
+    @property
+    def aspect(self) -> float:
+        """Width by height of its images, which says how many pixels a network makes of them."""
+        return self.image_size[0] / self.image_size[1]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectionTimes:
@@ -48,10 +53,12 @@ class DetectionTimes:
     Attributes:
         alone_s: `(num_workloads,)` seconds per detection, one process at a time; the median.
         together_s: `(num_workloads,)` seconds per detection, all processes at once; the median.
+        aspects: of the images, see `Workload`; empty for times that nobody keeps.
     """
 
     alone_s: NDArray[np.float64]
     together_s: NDArray[np.float64]
+    aspects: tuple[float, ...] = ()
 
     @property
     def rate(self) -> float:
@@ -87,7 +94,8 @@ def time_detections(workloads: Sequence[Workload], seconds: float = MEASURE_S) -
                 alone[workload] = _measured([pipe], seconds)[0]
         same = len(workloads) == 1
         together = list(alone.values()) if same else _measured(pipes, seconds)
-    return DetectionTimes(np.array([alone[workload] for workload in workloads]), np.array(together))
+    aspects = tuple(each.aspect for each in workloads)
+    return DetectionTimes(np.array([alone[w] for w in workloads]), np.array(together), aspects)
 
 
 def _measured(pipes: Sequence[Connection], seconds: float) -> list[float]:

@@ -45,9 +45,7 @@ def workloads_of(site: ResolvedSite, without: Collection[str] = ()) -> dict[str,
             camera.model,
             camera.provider,
             camera.threads,
-            Orientation.from_degrees(camera.rotation or 0).size(
-                *(seen.image_size if site.rig.placed else DEFAULT_SIZE)
-            ),
+            Orientation.from_degrees(camera.rotation or 0).size(*seen.image_size),
         )
     return found
 
@@ -68,8 +66,8 @@ def measure_detections(
     workloads = workloads_of(site, without)
     if not workloads:
         return None
-    kept, asked = site.file.folder / KEPT, _asked(workloads)
-    if not again and (known := _read(kept, asked)) is not None:
+    kept = site.file.folder / KEPT
+    if not again and (known := _read(kept, workloads, site.rig.placed)) is not None:
         return known
     times = time_detections(list(workloads.values()))
     save_times(kept, workloads, times)
@@ -82,6 +80,7 @@ def save_times(path: Path, workloads: dict[str, Workload], times: DetectionTimes
         "of": _asked(workloads),
         "alone_s": times.alone_s.tolist(),
         "together_s": times.together_s.tolist(),
+        "aspects": times.aspects,
     }
     with suppress(OSError):  # measured anew next time
         write_file(path, json.dumps(table, indent=1) + "\n")
@@ -89,24 +88,20 @@ def save_times(path: Path, workloads: dict[str, Workload], times: DetectionTimes
 
 def _asked(workloads: dict[str, Workload]) -> list[str]:
     machine = f"{platform.node()}, {plural(num_cores(), 'core')}"
-    # Of any size: a network scales its images, whose size is known once they are calibrated.
     return [machine, *(f"{n} {replace(w, image_size=DEFAULT_SIZE)}" for n, w in workloads.items())]
 
 
-def _read(path: Path, asked: list[str]) -> DetectionTimes | None:
+def _read(path: Path, workloads: dict[str, Workload], sized: bool) -> DetectionTimes | None:
+    """Return the times kept; of images of any shape, unless it is known (`sized`)."""
     try:
         table = json.loads(read_bytes(path, MAX_BYTES))
-        if table["of"] != asked:
-            return None
-        alone, together = (np.array(table[key], dtype=float) for key in ("alone_s", "together_s"))
+        kept = np.array([table[key] for key in ("alone_s", "together_s", "aspects")], dtype=float)
+        fits = table["of"] == _asked(workloads) and kept.shape == (3, len(workloads))
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    fits = alone.shape == together.shape == (len(asked) - 1,)
-    return (
-        DetectionTimes(alone, together)
-        if fits and (alone > 0).all() and (together > 0).all()
-        else None
-    )
+    if sized and fits:  # a network scales images to a size of its own: their shape tells
+        fits = np.allclose(kept[2], [each.aspect for each in workloads.values()], rtol=0.01)
+    return DetectionTimes(kept[0], kept[1], tuple(kept[2])) if fits and (kept > 0).all() else None
 
 
 def speed_problems(
