@@ -14,7 +14,7 @@ from e3pose.base.clock import WallClock
 from e3pose.base.errors import InputError
 from e3pose.camera import picamera
 from e3pose.camera.live_source import make_source
-from e3pose.camera.picamera import MAP_PX, SENSOR_PX, SensorSource, people_of, region_of
+from e3pose.camera.picamera import MAP_PX, SENSOR_PX, SensorSource, people_of
 from e3pose.model.expected import ExpectedView
 
 
@@ -72,9 +72,7 @@ def test_keypoints_that_are_unsure_or_alone_are_nobody() -> None:
     assert len(people_of(tags, places, scores)[0]) == 0
 
 
-def test_poses_of_the_sensor_are_pixels_of_its_image(
-    tmp_path: Path, board: stand_ins.Board
-) -> None:
+def test_poses_are_pixels_of_the_image(tmp_path: Path, board: stand_ins.Board) -> None:
     board.outputs = outputs([(0.0, 96, 72)])  # the middle of the network's map
     made = sensor(tmp_path)
     frames = [frame for frame in (made.read() for _ in range(8)) if frame is not None]
@@ -91,9 +89,7 @@ def test_poses_of_the_sensor_are_pixels_of_its_image(
     assert apart == pytest.approx((2, 2))
 
 
-def test_feedback_sets_the_region_and_poses_stay_where_they_are(
-    tmp_path: Path, board: stand_ins.Board
-) -> None:
+def test_poses_stay_where_the_region_goes(tmp_path: Path, board: stand_ins.Board) -> None:
     made = sensor(tmp_path)
     points = np.full((1, 17, 2), np.nan)
     points[0, :2] = [(160, 120), (224, 216)]
@@ -122,12 +118,18 @@ def test_feedback_sets_the_region_and_poses_stay_where_they_are(
         assert board.regions[-1] == (0, 0, *SENSOR_PX)
 
 
-def test_regions_lie_on_the_sensor() -> None:
-    for points in ([(0, 0)], [(639, 479)], [(-500, 90), (900, 800)], [(np.nan, np.nan)]):
-        expected = ExpectedView(np.array([points], dtype=float), np.ones(1))
-        left, top, width, height = region_of(expected, (640, 480))
-        assert left >= 0 and top >= 0 and width > 0 and height > 0
-        assert left + width <= SENSOR_PX[0] and top + height <= SENSOR_PX[1]
+def test_regions_lie_on_the_sensor_and_stay(tmp_path: Path, board: stand_ins.Board) -> None:
+    made, rng, nan = sensor(tmp_path), np.random.default_rng(0), np.nan
+    for place in ((610, 240), (320, 450), (20, 240), (0, 0), (639, 479), (nan, nan)):
+        for reach_px in (80, 600):
+            body = rng.uniform(-reach_px, reach_px, (1, 17, 2)) + place
+            count = len(board.regions)
+            for _ in range(100):  # somebody who moves a little
+                made.expect(ExpectedView(body + rng.normal(0, 1, 2), np.ones(1)))
+                left, top, width, height = board.regions[-1]
+                assert left >= 0 and top >= 0 and width > 0 and height > 0
+                assert left + width <= SENSOR_PX[0] and top + height <= SENSOR_PX[1]
+            assert len(board.regions) <= count + 3, place
 
 
 def test_frames_go_back_to_libcamera(board: stand_ins.Board) -> None:

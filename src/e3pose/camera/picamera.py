@@ -237,17 +237,14 @@ def region_of(expected: ExpectedView | None, size: tuple[int, int]) -> tuple[int
     Returns:
         Left, top, width, height in pixels of the sensor.
     """
-    boxes = np.zeros((0, 4))
-    if expected is not None:
-        every, inside = boxes_of(expected, size)
-        boxes = every[inside]
-    if not len(boxes):
+    if expected is None or not (found := boxes_of(expected, size))[1].any():
         return (0, 0, *SENSOR_PX)
-    low, high = boxes[:, :2].min(axis=0) / size, boxes[:, 2:].max(axis=0) / size
-    side = float(np.clip((high - low).max(), LEAST_REGION, 1.0))
-    corner = np.clip((low + high) / 2 - side / 2, 0, 1 - side)
-    left, top = (corner * SENSOR_PX).astype(int).tolist()
-    return left, top, int(side * SENSOR_PX[0]), int(side * SENSOR_PX[1])
+    boxes = found[0][found[1]] / (*size, *size) * (*SENSOR_PX, *SENSOR_PX)
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    share = np.clip(((high - low) / SENSOR_PX).max(), LEAST_REGION, 1.0)
+    width, height = wide = np.ceil(share * np.array(SENSOR_PX)).astype(int)
+    left, top = np.clip(((low + high - wide) / 2).astype(int), 0, SENSOR_PX - wide)
+    return int(left), int(top), int(width), int(height)
 
 
 def people_of(
