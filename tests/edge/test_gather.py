@@ -102,8 +102,7 @@ class Arrivals(Naps):
         while self.views and self.views[0][0] <= end_s:
             came_s, camera = self.views.pop(0)
             self.clock.time_ns, woken = round(came_s * 1e9), self.woken
-            came = Arrival(arrival().poses, 0, self.clock.time_ns)
-            self.gather.add(self.gather.slot, camera, came)
+            self.gather.add(0, camera, arrival())
             if self.woken > woken:
                 return super().wait(timeout)
         self.clock.time_ns = round(end_s * 1e9)
@@ -139,18 +138,6 @@ def test_slot_closes_with_its_last_view_between_middle_and_deadline(
     )
     assert clock.now_ns() == pytest.approx(closed_s * 1e9, abs=2)
     assert len(lock.seconds) == naps
-
-
-def test_slot_after_one_whose_views_came_before_its_middle_first_naps_until_its_own() -> None:
-    clock, stopping, done = ManualClock(995_000_000), threading.Event(), []
-    lock = Arrivals(clock, [])
-    for middle_ms, came_ms in ((1000, 998), (1040, 1038), (1080, 1085), (1120, 1125)):
-        lock.views = [(came_ms / 1e3 - 0.002, 0), (came_ms / 1e3, 1)]
-        until_ns = dict.fromkeys([0, 1], (middle_ms + 45) * 10**6)
-        lock.gather.wait(clock, stopping, middle_ms * 10**6, until_ns, lambda missing: missing)
-        lock.gather.close()
-        done.append((clock.now_ns() // 10**6, len(lock.seconds)))
-    assert done == [(1000, 2), (1040, 3), (1085, 5), (1125, 6)]
 
 
 def test_nobody_waits_once_the_program_ends() -> None:

@@ -53,7 +53,6 @@ class Gather:
     _late_by_s: list[deque[float]] = field(init=False)
     _slots: dict[int, dict[int, Arrival]] = field(default_factory=dict)
     _awaited: frozenset[int] = frozenset()
-    _early: bool = False  # whether all views of the newest slot came before its middle
     _lock: threading.Condition = field(default_factory=threading.Condition)
 
     def __post_init__(self) -> None:
@@ -111,8 +110,8 @@ class Gather:
     ) -> bool:
         """Wait for the views of the oldest open slot; return False when the program ends.
 
-        The thread is usually woken once: by the last view, or in the middle of the slot where views
-        came before it in the slot before, as they do at the same phase of each.
+        The thread is usually woken once, by the last view: in the middle of the slot there is
+        nothing to do unless all views are here.
 
         Args:
             clock: the edge's.
@@ -123,16 +122,9 @@ class Gather:
         """
         while not stopping.is_set():
             now_ns = clock.now_ns()
-            if self._early and now_ns < middle_ns:
-                self.sleep(clock, middle_ns)
-                continue
-            missing = self.missing(c for c, end_ns in until_ns.items() if now_ns < end_ns)
-            cameras = awaited(missing) if missing else ()
+            cameras = awaited(self.missing(c for c, end_ns in until_ns.items() if now_ns < end_ns))
             end_ns = min((until_ns[camera] for camera in cameras), default=middle_ns)
             if now_ns >= end_ns:
-                with self._lock:
-                    here = self._slots.get(self.slot, {}).values()
-                    self._early = all(view.arrived_ns < middle_ns for view in here)
                 return True
             self.sleep(clock, end_ns, cameras)
         return False
