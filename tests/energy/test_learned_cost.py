@@ -52,12 +52,13 @@ def test_truth_is_found_within_its_uncertainty() -> None:
     """After five minutes of heartbeats, whatever the profile said."""
     misses = []
     for seed in range(12):
-        cost = slot_cost(fed(unlearned(PROFILE), 600, seed=seed), SLOT_S)
+        learned = fed(unlearned(PROFILE), 600, seed=seed)
+        cost = slot_cost(learned, SLOT_S)
         assert cost.measured
         assert cost.active_j == pytest.approx(ACTIVE_W * SLOT_S, rel=0.05)
         assert cost.idle_j == pytest.approx(IDLE_W * SLOT_S, rel=0.05)
-        misses.append((cost.active_j - ACTIVE_W * SLOT_S) / cost.active_sigma_j)
-        misses.append((cost.idle_j - IDLE_W * SLOT_S) / cost.idle_sigma_j)
+        off = learned.watts - [ACTIVE_W, IDLE_W]
+        misses.append(off / np.sqrt(np.diag(learned.covariance)))
     # As many standard deviations off as a standard deviation means: within a factor of two.
     assert 0.5 < np.sqrt(np.mean(np.square(misses))) < 2.0
 
@@ -90,10 +91,11 @@ def test_broken_measurements_pull_little() -> None:
 
 @each_case("duty", [(1.0, 1.0), (0.0, 0.0), (0.6, 0.6)])
 def test_camera_that_never_changes_stays_modelled(duty: tuple[float, float]) -> None:
-    cost = slot_cost(fed(unlearned(PROFILE), 3000, duty=duty), SLOT_S)
+    learned = fed(unlearned(PROFILE), 3000, duty=duty)
+    cost = slot_cost(learned, SLOT_S)
     assert not cost.measured
     assert "too few measurements" in cost.why
-    assert np.isfinite(cost.active_sigma_j)
+    assert np.isfinite(learned.covariance).all()
 
 
 @cache

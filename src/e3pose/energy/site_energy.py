@@ -67,16 +67,12 @@ class SlotCost:
     Attributes:
         active_j: an active slot.
         idle_j: an idle slot.
-        active_sigma_j: standard deviation of `active_j`.
-        idle_sigma_j: standard deviation of `idle_j`.
         measured: whether it was learned from measurements; otherwise the profile says it.
         why: which of the two, for people.
     """
 
     active_j: float
     idle_j: float
-    active_sigma_j: float
-    idle_sigma_j: float
     measured: bool
     why: str
 
@@ -154,8 +150,7 @@ def slot_cost(cost: LearnedCost, interval_s: float) -> SlotCost:
     else:
         why = f"measured: {cost.spans} intervals"
     active, idle = (cost.watts * interval_s).tolist()
-    active_sigma, idle_sigma = (sigma * interval_s).tolist()
-    return SlotCost(active, idle, active_sigma, idle_sigma, why.startswith("measured"), why)
+    return SlotCost(active, idle, why.startswith("measured"), why)
 
 
 SUN_S = 600.0  # over which charging is averaged: a cloud is no evening
