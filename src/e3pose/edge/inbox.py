@@ -238,7 +238,7 @@ class Inbox:
         index = self._camera(topic)
         if index is None:
             return None
-        camera_id = self.cameras[index].camera_id
+        camera_id = self.rig.camera_ids[index]
         try:
             message = decode(payload, kind, camera_id)
             if (named := message.camera_id) != camera_id:

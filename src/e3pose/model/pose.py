@@ -57,14 +57,6 @@ class Poses2D:
         return Poses2D((self.keypoints_px + 0.5) * factor - 0.5, self.scores, self.unchanged_s)
 
     @classmethod
-    def unchecked(cls, keypoints_px: Floats, scores: Floats, unchanged_s: float) -> Poses2D:
-        """Return a view of a message that was checked when it came."""
-        poses = object.__new__(cls)
-        for name, value in zip(cls.__slots__, (keypoints_px, scores, unchanged_s), strict=True):
-            object.__setattr__(poses, name, value)
-        return poses
-
-    @classmethod
     def empty(cls, num_joints: int) -> Poses2D:
         """Return a view in which nobody was seen."""
         return cls(np.zeros((0, num_joints, 2)), np.zeros((0, num_joints)))
@@ -93,16 +85,12 @@ def checked_positions(
         raise InputError(
             f"{name}: scores have shape {scores.shape}, expected {positions.shape[:2]}"
         )
-    if scores.size and not (scores.min() >= 0 and scores.max() <= 1):  # NaN fails too
+    if not scores.size:
+        return positions, scores
+    least = scores.min()
+    if not (least >= 0 and scores.max() <= 1):  # NaN fails too
         raise InputError(f"{name}: a score lies outside [0, 1] or is NaN")
-    return with_missing(positions, scores)
-
-
-def with_missing(
-    positions: NDArray[Any], scores: NDArray[Any]
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return valid positions and scores with NaN and score 0 where either is missing."""
-    if scores.all() and np.isfinite(positions).all():  # nothing is missing
+    if least > 0 and np.isfinite(positions).all():  # nothing is missing
         return positions, scores
     present = (scores > 0) & np.isfinite(positions).all(axis=-1)
     if present.all():

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.base.errors import InputError
 from e3pose.model.people import People
-from e3pose.model.pose import Poses2D, with_missing
+from e3pose.model.pose import Poses2D
 from e3pose.wire.messages import Array, View
 from e3pose.wire.site_messages import Poses
 
@@ -47,14 +47,9 @@ def unpack(array: Array) -> NDArray[Any]:
 
 
 def poses_2d(view: View) -> Poses2D:
-    """Return the 2D poses of a view, with NaN and score 0 where a keypoint is missing.
-
-    Args:
-        view: as `decode` has checked it.
-    """
+    """Return the 2D poses of a view, with NaN and score 0 where a keypoint is missing."""
     with np.errstate(invalid="ignore"):  # there are NaNs that NumPy warns of
-        found = (unpack(each).astype(np.float64) for each in (view.keypoints_px, view.scores))
-        return Poses2D.unchecked(*with_missing(*found), view.unchanged_ns / 1e9)
+        return Poses2D(unpack(view.keypoints_px), unpack(view.scores), view.unchanged_ns / 1e9)
 
 
 def packed_people(people: People) -> tuple[Array, Array, Array, Array]:

@@ -50,7 +50,6 @@ Message = (
     | Status
 )
 _body = msgspec.msgpack.Decoder(Message)
-_whole = msgspec.msgpack.Decoder(tuple[int, Message])
 Kind = TypeVar("Kind", bound=Message)
 
 
@@ -76,23 +75,6 @@ def decode(payload: bytes, kind: type[Kind], where: str) -> Kind:
             f"{where}: message: found {len(payload)} bytes, expected at most {MAX_BYTES}"
         )
     try:
-        version, message = _whole.decode(payload)
-    except (msgspec.MsgspecError, ValueError, RecursionError):
-        version = -1
-    if version != VERSION:
-        message = _read(payload, where)
-    if not isinstance(message, kind):
-        raise InputError(
-            f"{where}: message: found {type(message).__name__}, expected {kind.__name__}"
-        )
-    if check := CHECKS.get(kind):
-        check(message, f"{where}: {kind.__name__.lower()}")
-    return message
-
-
-def _read(payload: bytes, where: str) -> Message:
-    """Decode a message in steps, so that what is wrong with it can be told."""
-    try:
         version, body = _envelope.decode(payload)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise InputError(f"{where}: message: found no message ({reason_of(error)[:200]})") from None
@@ -102,12 +84,18 @@ def _read(payload: bytes, where: str) -> Message:
             "run the same version of e3pose at both ends"
         )
     try:
-        message: Message = _body.decode(body)
+        message = _body.decode(body)
     except msgspec.ValidationError as error:
         outside = out_of_bounds(error, body, get_args(Message))
         raise InputError(f"{where}: {outside or 'message: ' + reason_of(error)[:200]}") from None
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise InputError(f"{where}: message: {reason_of(error)[:200]}") from None
+    if not isinstance(message, kind):
+        raise InputError(
+            f"{where}: message: found {type(message).__name__}, expected {kind.__name__}"
+        )
+    if check := CHECKS.get(kind):
+        check(message, f"{where}: {kind.__name__.lower()}")
     return message
 
 
