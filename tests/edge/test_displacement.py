@@ -60,17 +60,29 @@ def test_camera_whose_views_are_late_has_not_moved(late_slots: int, calm: Record
     assert events == []
 
 
-def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
-    """Return votes of a camera that was turned, and a share of two people who were mixed up."""
+def voted(
+    turn_deg: float,
+    others: float,
+    seconds: float = 20.0,
+    late_s: float = 0.0,
+    one_way: float = 0.0,
+) -> Floats:
+    """Return votes of a camera that was turned, and a share of two people who were mixed up.
+
+    Its views may be late, of people who walk to and fro, or one way for a share of their speed.
+    """
     rng = np.random.default_rng(RNG_SEED)
     places = rng.uniform(-0.4, 0.4, (200, 2))
     turn = Rotation.from_rotvec(np.radians(turn_deg) * np.array([0.6, 0.8, 0.0])).as_matrix()
     rays = np.column_stack([places, np.ones(200)]) @ turn.T
     offsets = rays[:, :2] / rays[:, 2:] - places + rng.normal(0, 0.003, (200, 2))
+    motion = 0.3 * (np.array([one_way, 0.0]) + (1 - one_way) * rng.normal(size=(200, 2)))
+    offsets -= late_s * motion
     wrong = rng.random(200) < others
     offsets[wrong] = rng.uniform(-0.2, 0.2, (int(wrong.sum()), 2))
-    still = np.zeros((200, 2))
-    return np.column_stack([np.linspace(0, seconds, 200), still[:, 0], places, offsets, still])
+    stated = motion + rng.normal(0, 0.02, (200, 2))
+    pose = np.zeros(200)
+    return np.column_stack([np.linspace(0, seconds, 200), pose, places, offsets, stated])
 
 
 @each_case("degrees", [0.0, 0.5, 2.0, 8.0])
@@ -79,6 +91,16 @@ def test_turn_is_found_among_votes_of_mixed_people(degrees: float) -> None:
     assert found[0] == pytest.approx(degrees, abs=0.1)
     assert least[0] <= found[0] + 1e-9
     assert (moved(found, least) is not None) == (degrees > 0.25)
+
+
+@each_case("one_way", [0.0, 0.5, 0.8, 1.0])
+@each_case("late_s", [0.03, 0.05, 0.1, 0.15])
+def test_delay_is_no_turn_and_hides_none(late_s: float, one_way: float) -> None:
+    found, least = turned_deg(Votes((voted(0.0, 0.0, late_s=late_s, one_way=one_way),)))
+    assert moved(found, least) is None and found[0] < 0.25
+    turned, least = turned_deg(Votes((voted(2.0, 0.0, late_s=late_s, one_way=one_way),)))
+    assert moved(turned, least) is not None
+    assert one_way > 0.5 or turned[0] == pytest.approx(2.0, abs=0.2)
 
 
 def test_few_votes_or_seconds_say_nothing() -> None:

@@ -5,7 +5,8 @@ whether they are the same person or not. If the camera stands as calibrated, vot
 zero; if it was turned, around one small rotation, which explains them over the whole image. Votes
 of different people scatter. Raw detections are compared, so that the estimator's outlier rejection
 hides no displaced camera. Views that are late, by a clock or a buffer, show people where they were:
-that offset grows with their motion, and a delay that explains it is fitted beside the rotation.
+that offset grows with their motion, and a delay is fitted beside the rotation. Where a delay could
+explain the offset by itself, as of people who all walk one way, the camera counts as in its place.
 """
 
 from __future__ import annotations
@@ -44,8 +45,6 @@ MOST_OFFSET = 0.25  # normalised: 14 degrees
 NEAR = 0.012  # normalised: votes that agree, 0.7 degrees
 MIN_SHARE = 0.4  # of the poses of a view whose votes the rotation must explain
 ROLL_SIGMA = 0.03  # radians of roll, which people near the image centre determine badly
-LATE_SIGMA_S = 0.1  # of views, by a clock that is uncertain or a camera that buffers
-MOST_LATE_S = 0.075  # later ones tell too little of how a camera stands
 PARTS = 4  # of the window, in time, that must agree
 # Cameras of simulated rigs that stand as calibrated seem turned by up to 0.1 degrees, those of
 # a published calibration of a real room by up to 0.2.
@@ -133,9 +132,9 @@ def _votes(camera: Camera, observations: Sequence[Observation]) -> Floats:
     offsets, poses, motion = offsets[known], poses[known], motion[people[known]]
     places = found[poses]
     middle = _medians(offsets)
-    scatter = _medians(_farther(offsets - middle[:, None]))[:, 0]
+    scatter = _medians(np.abs(offsets - middle[:, None]).max(axis=-1, keepdims=True))[:, 0]
     place = _medians(places)
-    height = 2 * _medians(_farther(places - place[:, None]))[:, 0]
+    height = 2 * _medians(np.abs(places - place[:, None]).max(axis=-1, keepdims=True))[:, 0]
     alike = (scatter < ALIKE * height) & (np.linalg.norm(middle, axis=1) < MOST_OFFSET)
     counts = [len(observation.view) for observation in observations]
     numbers = np.concatenate([np.arange(count) for count in counts])
@@ -201,16 +200,11 @@ def _medians(values: Floats) -> Floats:
     return np.asarray(np.sort(values, axis=1)[np.arange(len(values)), rows])
 
 
-def _farther(offsets: Floats) -> Floats:
-    """Return the larger part of each offset; a maximum over a last axis of two is slow."""
-    return np.asarray(np.maximum(*np.split(np.abs(offsets), 2, axis=-1)))
-
-
 def turned_deg(watch: Votes) -> tuple[Floats, Floats]:
     """Return `(num_cameras,)` degrees by which each camera seems turned, and lower bounds.
 
     NaN where too little is seen; the bound is the minimum over parts of the window, and 0 of a
-    camera that is turned by no more than `MOVED_DEG`, or whose views are later than `MOST_LATE_S`.
+    camera that is turned by no more than `MOVED_DEG`, or may be as its views may be late.
     """
     found = np.array([_turn(votes) for votes in watch.votes])
     return found[:, 0], found[:, 1]
@@ -251,10 +245,13 @@ def _turn(votes: Floats) -> tuple[float, float]:
             break
     if good.sum() < MIN_SHARE * poses:
         return np.nan, np.nan
-    rotation, late_s = fit[:3], abs(fit[3])
+    rotation = fit[:3]
     size = float(np.linalg.norm(rotation))
-    if np.degrees(size) <= MOVED_DEG or late_s > MOST_LATE_S:
-        return float(np.degrees(size)), 0.0
+    # Where turns are hardly expected, a delay explains all that it can.
+    unturned = _fit(slopes[good], offsets[good], np.radians(LEAST_DEG))[:3]
+    least = min(size, float(np.linalg.norm(unturned)))
+    if np.degrees(least) <= MOVED_DEG:
+        return float(np.degrees(least)), 0.0
     parts = np.array_split(np.flatnonzero(good), PARTS)
     along = [float(_fit(slopes[part], offsets[part])[:3] @ rotation) / size for part in parts]
     return float(np.degrees(size)), float(np.degrees(min(along)))
@@ -269,13 +266,18 @@ def _slopes(places: Floats, motion: Floats) -> Floats:
     ], axis=1)  # fmt: skip
 
 
-def _fit(slopes: Floats, offsets: Floats) -> Floats:
-    """Return the rotation in radians and the seconds `(4,)` that fit votes best."""
+def _fit(slopes: Floats, offsets: Floats, turn_sigma: float = np.inf) -> Floats:
+    """Return the rotation in radians and the seconds `(4,)` that fit votes best.
+
+    Args:
+        slopes: of `_slopes`.
+        offsets: `(n, 2)` normalised.
+        turn_sigma: radians about each axis that are expected.
+    """
     rows = slopes.reshape(-1, 4)
-    normal, gradient = rows.T @ rows, rows.T @ offsets.reshape(-1)
-    normal[2, 2] += (NEAR / ROLL_SIGMA) ** 2
-    normal[3, 3] += (NEAR / LATE_SIGMA_S) ** 2
-    return np.asarray(np.linalg.solve(normal + 1e-12 * np.eye(4), gradient))
+    expected = np.array([turn_sigma, turn_sigma, min(turn_sigma, ROLL_SIGMA), np.inf])
+    normal = rows.T @ rows + np.diag((NEAR / expected) ** 2 + 1e-12)
+    return np.asarray(np.linalg.solve(normal, rows.T @ offsets.reshape(-1)))
 
 
 class WorldCheck:
