@@ -98,7 +98,7 @@ def bound_heaps() -> None:
 
 
 def reduce_pauses() -> None:
-    """Switch threads sooner, and exclude long-lived objects from garbage collection.
+    """Switch threads sooner, and collect garbage as usual, but for what is there already.
 
     To be called once everything is loaded. What is there then, some hundred thousand objects of
     compilers and libraries, takes half a second to look through, and none of it will ever go.
@@ -106,3 +106,4 @@ def reduce_pauses() -> None:
     sys.setswitchinterval(SWITCH_S)
     gc.collect()
     gc.freeze()
+    gc.set_threshold(700)  # `main` collects less often while programs load
