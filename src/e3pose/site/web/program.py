@@ -116,7 +116,15 @@ def open_view(
     else:
         listening = socket.socket(fileno=handle)
         address = replace(address_of(site.file, listen), port=listening.getsockname()[1])
-    rules = rules_of(site.file, address, tokens)
+    here = address.is_open(site.file)
+    rules = Rules(
+        PageTokens(tokens, tuple(hub_tokens(site.file).values())),
+        address.hosts,
+        here,
+        address.certificate is not None,
+        frozenset(site.file.view.proxies),
+        here,
+    )
     rules.guesses.report = report
     feed = Feed(
         site.file.name,
@@ -186,25 +194,6 @@ def keeping(site: ResolvedSite, report: Callable[[str], object], stack: ExitStac
     recorded = any(camera.record is not None for camera in site.cameras.values())
     folder = site.file.record.path if recorded or site.file.record.path.is_dir() else None
     return Keeping(place, site.file.name, jobs, folder, report)
-
-
-def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules[PageTokens]:
-    """Return the access rules of a view.
-
-    Args:
-        site: its file.
-        address: where it listens.
-        tokens: of the site.
-    """
-    here = address.is_open(site)
-    return Rules(
-        PageTokens(tokens, tuple(hub_tokens(site).values())),
-        address.hosts,
-        here,
-        address.certificate is not None,
-        frozenset(site.view.proxies),
-        here,
-    )
 
 
 def picture_rules(site: SiteTable, rules: Rules[PageTokens], operates: bool) -> PictureRules:
