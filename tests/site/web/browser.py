@@ -29,7 +29,7 @@ FLAGS = (
     "--disable-sync", "--disable-default-apps", "--metrics-recording-only",
     "--disable-features=PreloadTopChromeWebUI,SpareRendererForSitePerProcess",
 )  # fmt: skip
-# Pages ask for a frame sixty times a second, and here the processor draws each: a tenth of a second
+# Pages ask for a frame sixty times a second, and here the processor draws each: 80 ms
 # later is soon enough.
 FRAMES = """
 window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 80);
