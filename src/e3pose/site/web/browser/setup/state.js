@@ -4,6 +4,7 @@ import { ask } from "../connection.js";
 const BUSY_MS = 500, IDLE_MS = 2000;
 export const setup = { state: null, step: "", error: "", said: "", lost: false };
 const listeners = [];
+let orders = 0;  // begun or answered: what was asked before says how things were
 
 export const whenKnown = (listener) => listeners.push(listener);
 export const shown = () => listeners.forEach((listener) => listener());
@@ -38,8 +39,10 @@ function take(state) {
 
 export async function order(path, body = {}) {
   Object.assign(setup, { error: "", said: "" });
+  orders++;
   try {
     const found = await ask(`/api/setup/${path}`, body);
+    orders++;
     if (found?.live) take(found);
     else await refresh();
     return found;
@@ -54,8 +57,10 @@ export async function order(path, body = {}) {
 export const question = (path) => ask(`/api/setup/${path}`);
 
 async function refresh() {
+  const before = orders;
   try {
-    take(await question("state"));
+    const state = await question("state");
+    if (before === orders) take(state);
     setup.lost = false;
   } catch (error) {
     if (!setup.state) throw error;
