@@ -267,7 +267,8 @@ def test_a_slow_network_only_takes_longer(
 LATE = """
 (ask => { window.fetch = async (...asked) => {
   const answer = await ask(...asked);
-  if (String(asked[0]).endsWith("/state")) await new Promise((go) => setTimeout(go, 1500));
+  window.late = String(asked[0]).endsWith("/state");
+  if (window.late) await new Promise((go) => setTimeout(go, 1500));
   return answer;
 }; })(window.fetch)
 """
@@ -281,7 +282,7 @@ def test_an_answer_from_before_an_order_turns_no_page_back(
         page.open(server.url, *SIZES["screen"])
         type_into(page, "#name", "try")
         page.run(LATE)
-        time.sleep(1.0)  # a state is asked for every half second or two
+        assert eventually(lambda: page.run("window.late"))
         push(page, "#example")
         assert page.shows("site", "try")
         begun_s = time.monotonic()

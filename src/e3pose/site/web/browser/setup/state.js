@@ -70,10 +70,6 @@ async function refresh() {
 
 export async function begin() {
   await refresh();
-  const again = async () => {
-    await refresh();
-    shown();
-    setTimeout(again, busy() || running() ? BUSY_MS : IDLE_MS);
-  };
-  setTimeout(again, BUSY_MS);
+  shown();
+  setTimeout(begin, busy() || running() ? BUSY_MS : IDLE_MS);
 }
