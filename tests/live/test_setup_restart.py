@@ -46,6 +46,12 @@ class Setup:
         assert eventually(lambda: self.task()["state"] != "running", WORK_S)
         assert self.task()["state"] == "done", self.task()
 
+    def interrupted(self, kind: str) -> bool:
+        """Return whether the newest work is of this kind and says that it was interrupted."""
+        task = self.task()
+        assert "interrupted" in task["problem"], task
+        return (task["kind"], task["state"]) == (kind, "failed")
+
     def steps(self) -> dict[str, dict[str, Any]]:
         return {step["id"]: step for step in self.get("state")["steps"]}
 
@@ -92,10 +98,7 @@ def test_work_that_is_killed_is_said_and_done_again_with_its_pictures(tmp_path: 
         first.kill()
 
     with setup(tmp_path) as second:
-        task = second.task()
-        assert (task["kind"], task["state"]) == ("walk", "failed") and "interrupted" in task[
-            "problem"
-        ]
+        assert second.interrupted("walk")
         assert second.steps()["walk"]["open"] and not second.steps()["walk"]["done"]
         second.post("record/walk")
         assert eventually(lambda: second.recorded(30), WORK_S)
@@ -105,10 +108,7 @@ def test_work_that_is_killed_is_said_and_done_again_with_its_pictures(tmp_path: 
         second.kill()
 
     with setup(tmp_path) as third:
-        task = third.task()
-        assert (task["kind"], task["state"]) == ("solve", "failed") and "interrupted" in task[
-            "problem"
-        ]
+        assert third.interrupted("solve")
         assert third.steps()["walk"]["done"] and not third.steps()["solve"]["done"]
         third.post("solve", height_cm=171)
         third.done()
@@ -121,6 +121,6 @@ def test_work_that_is_killed_is_said_and_done_again_with_its_pictures(tmp_path: 
         third.kill()
 
     with setup(tmp_path) as fourth:
-        assert fourth.task()["kind"] == "second" and "interrupted" in fourth.task()["problem"]
+        assert fourth.interrupted("second")
         assert fourth.steps()["solve"]["done"] and fourth.steps()["check"]["open"]
         assert all(camera["jpeg"] for camera in fourth.get("overlays")["cameras"])
